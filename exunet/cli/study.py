@@ -277,7 +277,7 @@ def _optimum(table: StudyTable) -> Iterator[str]:
         return
     fresh = StudyTable(table.folder / optimum.fresh)
     first = fresh.of_design(GIVEN)
-    before, _ = scores_of(config, fresh, GIVEN)
+    before, given = scores_of(config, fresh, GIVEN)
     for number in optimum.best:
         values = "   ".join(f"{key} = {short(value)}" for key, value in optimum.trials[number].values.items())
         yield _row("best" if len(optimum.best) == 1 else "front", f"design {number}: {values}")
@@ -287,13 +287,15 @@ def _optimum(table: StudyTable) -> Iterator[str]:
             quantity = config.quantities[k]
             response = fresh.responses(quantity.name)
             found = gain(quantity, response[first], response[second], fresh.config.seed)
-            shown = found.low > 0.0 or found.high < 0.0
-            words = f"{text}: given {before[k]:.4g}, design {number} {scores[k]:.4g}; "
-            words += f"{'gain' if shown else 'no gain shown:'} {found.value:+.3g} "
+            name = "gain" if found.low > 0.0 else "loss" if found.high < 0.0 else "no gain shown:"
+            words = (
+                f"{text}: given {before[k]:.4g}, design {number} {scores[k]:.4g}; {name} {found.value:+.3g} "
+            )
             words += f"({found.low:+.3g} to {found.high:+.3g})"
             yield _row("", f"{words}, in {second.sum()} fresh runs")
-        for text, margin in zip(config.constraints, margins, strict=True):
-            yield _row("", f"{text} {'holds' if margin >= 0.0 else 'DOES NOT HOLD'} there, by {margin:+.3g}")
+        for text, margin, other in zip(config.constraints, margins, given, strict=True):
+            words = f"{'holds' if margin >= 0.0 else 'DOES NOT HOLD'} by {margin:+.3g}, given {other:+.3g}"
+            yield _row("", f"{text}: {words}")
 
 
 def _points(table: StudyTable) -> Iterator[str]:
