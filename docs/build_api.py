@@ -11,7 +11,7 @@ from typing import Any
 
 import exunet
 from exunet.base.record import Record, tags
-from exunet.plots.registry import ENSEMBLE_FIGURES, FIGURES
+from exunet.plots.registry import ENSEMBLE_FIGURES, FIGURES, STUDY_FIGURES
 
 PAGE = Path(__file__).parent / "api.md"
 HEAD = """# The public interface
@@ -54,10 +54,10 @@ def table_of_records(names: list[str]) -> str:
 
 
 def table_of_figures() -> str:
-    """The figures of a result and of an ensemble: first lines of the docstrings of their functions."""
+    """The figures of a result, an ensemble and a study: first lines of the docstrings of their functions."""
     rows = [
         f"| `{name}` | {(inspect.getdoc(figure.draw) or '').partition(chr(10))[0]} | {figure.requires} |\n"
-        for name, figure in (FIGURES | ENSEMBLE_FIGURES).items()
+        for name, figure in (FIGURES | ENSEMBLE_FIGURES | STUDY_FIGURES).items()
     ]
     return "| figure | shows | requires |\n|---|---|---|\n" + "".join(rows)
 

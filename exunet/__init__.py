@@ -135,6 +135,8 @@ if TYPE_CHECKING:
     from exunet.studies.ensemble import perturbed_positions as perturbed_positions
     from exunet.studies.ensemble import run_ensemble as run_ensemble
     from exunet.studies.environment import NetEnvironment as NetEnvironment
+    from exunet.studies.optimise import Optimum as Optimum
+    from exunet.studies.optimise import optimise as optimise
     from exunet.studies.study import Study as Study
     from exunet.studies.study import StudyTable as StudyTable
 
@@ -271,6 +273,8 @@ API = {
     "Studies": {
         "Study": "exunet.studies.study",
         "StudyTable": "exunet.studies.study",
+        "optimise": "exunet.studies.optimise",
+        "Optimum": "exunet.studies.optimise",
     },
     "Figures": {
         "figure": "exunet.plots.registry",

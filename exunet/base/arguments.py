@@ -28,6 +28,7 @@ _WORDS = {
     "Callable": "a function",
     "Result": "a Result (of exunet.run or exunet.load_result)",
     "Ensemble": "an Ensemble (of exunet.ensemble or exunet.load_ensemble)",
+    "StudyData": "a StudyData (of exunet.studies.report.study_data)",
     "Start": "a Start (of exunet.prepare)",
     "Net": "a Net (`net` of a Result or a Start)",
     "Agreement": "an Agreement (of exunet.compare)",

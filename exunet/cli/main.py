@@ -167,8 +167,8 @@ def study_command(
 ) -> None:
     """Run a case for many samples of its keys.
 
-    Writes study.sqlite and table.csv, and prints probabilities, quantiles and drivers. The same command goes
-    on with a study that was interrupted.
+    Writes study.sqlite, table.csv, figures and report.html, and prints probabilities, quantiles, drivers and
+    what [optimise] has found. The same command goes on with a study that was interrupted.
     """
     from exunet.cli.study import run_of_study, run_study
 
@@ -359,8 +359,12 @@ def cost_command(
 
 @app.command("compare")
 def compare_command(
-    a: Annotated[Path, typer.Argument(help="result or ensemble, or its folder", metavar="A", parser=as_path)],
-    b: Annotated[Path, typer.Argument(help="result or ensemble, or its folder", metavar="B", parser=as_path)],
+    a: Annotated[
+        Path, typer.Argument(help="result, ensemble or study, or its folder", metavar="A", parser=as_path)
+    ],
+    b: Annotated[
+        Path, typer.Argument(help="result, ensemble or study, or its folder", metavar="B", parser=as_path)
+    ],
     every: Annotated[bool, typer.Option("--all", help="all metrics, and states over time")] = False,
 ) -> None:
     """Print the differences of two designs: keys of the case, metrics, states.
@@ -368,6 +372,11 @@ def compare_command(
     States are compared at the times that both store, of runs of the same net. compare.png beside A has areas,
     largest tensions and mouths of both over time.
     """
+    if all(any(path.glob("study*.sqlite")) for path in (a, b)):
+        from exunet.cli.study import compare_studies
+
+        compare_studies(a, b)
+        return
     from exunet.cli.compare import compare_designs
 
     if path := compare_designs(a, b, every=every):
@@ -387,7 +396,7 @@ def plot_command(
     grid: Annotated[bool, typer.Option("--grid", help="reference grid in the 3-D snapshots")] = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Draw the figures of a result.
+    """Draw the figures of a result or a study.
 
     With ensemble.h5 beside the result, ranges of the perturbed runs too.
     """

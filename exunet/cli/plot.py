@@ -49,6 +49,10 @@ def plot(
     FigureError
         If a figure cannot be drawn; the others are written.
     """
+    if any(path.glob("study*.sqlite")):
+        return _plot_study(
+            path, out or path / "figures", kind, width, names, overwrite=overwrite or out is None
+        )
     own = path if path.is_dir() else path.parent
     folder = out or own
     if words := unfinished(path):
@@ -59,3 +63,14 @@ def plot(
         refuse_replacing(folder, [f"{name}.{kind}" for name in names or FIGURES])
     with opened(folder, own=False), as_options("format", "figure", "width"):
         return save_figures(result, folder, names=names, format=kind, width=width, grid=grid, overwrite=True)
+
+
+def _plot_study(
+    path: Path, out: Path, kind: str, width: float, names: Sequence[str] | None, *, overwrite: bool
+) -> list[Path]:
+    from exunet.studies.report import study_data
+    from exunet.studies.study import StudyTable
+
+    data = study_data(StudyTable(path))
+    with opened(out, own=False), as_options("format", "figure", "width"):
+        return save_figures(data, out, names=names, format=kind, width=width, overwrite=overwrite)

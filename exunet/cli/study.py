@@ -6,26 +6,36 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from shlex import quote
-from typing import Any
 
 import numpy as np
 import typer
 
-from exunet.base.errors import ExunetError, InputError
+from exunet.base.errors import ExunetError, FigureError, InputError
 from exunet.cli.output import RESULTS, ProgressBar, duration, report, silent, terminal_width
 from exunet.cli.run import RunOptions, run_case
+from exunet.plots.registry import STUDY_FIGURES, save_figures
 from exunet.results.outcome import Outcome
 from exunet.studies import estimates
 from exunet.studies.executor import cluster
-from exunet.studies.inputs import as_toml
+from exunet.studies.optimise import GIVEN, Optimum, gain, optimise, runs_of, scores_of
+from exunet.studies.report import (
+    CAPTURED,
+    FIGURES,
+    REPORT,
+    drivers_of,
+    labels_of,
+    short,
+    study_data,
+    write_report,
+)
 from exunet.studies.rows import OK, ROWS_FILE
 from exunet.studies.study import Study, StudyTable, name_of
 
 TABLE = "table.csv"
-_FILES = ("report.html", TABLE, ROWS_FILE, "figures")
+_FILES = (REPORT, TABLE, ROWS_FILE, FIGURES)
 _POINTS = 10  # of a grid that are printed
+_LINES = 20  # that are printed
 _NAME = 13
-CAPTURED = Outcome.CAPTURED.value
 
 
 def run_study(
@@ -39,7 +49,7 @@ def run_study(
     dry: bool = False,
     quiet: bool = False,
 ) -> None:
-    """Run a study's file, or go on with the study of a folder; write table.csv, print the answer."""
+    """Run a study's file, or go on with the study of a folder; write all files, print the answer."""
     if path.is_dir() and runs is not None:
         raise InputError("--runs: requires the study's file")
     study = Study.of_folder(path) if path.is_dir() else Study.read(path, runs=runs)
@@ -52,21 +62,66 @@ def run_study(
     client = None if scheduler is None else cluster(scheduler)
     try:
         with ProgressBar(quiet=quiet) as bar:
-            update = bar.begin("run", study.config.number_of_rows / (part[1] if part else 1))
+            update = bar.begin("run", runs_of(study) / (part[1] if part else 1))
             progress = lambda done, _: update(done)  # noqa: E731
-            table = study.run(folder, workers, client=client, shard=part, progress=progress, note=say)
+            if study.config.optimise is None:
+                table = study.run(folder, workers, client=client, shard=part, progress=progress, note=say)
+            elif part is not None:
+                raise InputError("--shard: is not for a study with [optimise]")
+            else:
+                table = optimise(study, folder, workers, client=client, progress=progress, note=say)
     finally:
         if client is not None:
             client.close()
+    failed: FigureError | None = None
     if shard is None or table.complete:
         table.write_csv(folder / TABLE)
+        try:
+            save_figures(study_data(table), folder / FIGURES, overwrite=True)
+        except FigureError as error:
+            failed = error
+        figures = [path for name in STUDY_FIGURES if (path := folder / FIGURES / f"{name}.png").is_file()]
+        write_report(table, list(_lines(table)), figures, folder / REPORT)
     if not quiet:
         show_study(folder)
+    if failed is not None:
+        raise failed
 
 
 def show_study(folder: Path) -> None:
     """Print the answer of a study again."""
-    typer.echo("\n".join(_lines(StudyTable(folder))))
+    first, *lines, last = _lines(StudyTable(folder))
+    if (more := len(lines) - _LINES + 3) > 1:
+        lines[-more:] = [f"  {more} lines more: {folder / REPORT}"]
+    typer.echo("\n".join([first, *lines, last]))
+
+
+def compare_studies(a: Path, b: Path) -> None:
+    """Print outcomes and metrics of two studies beside each other, and their paired differences."""
+    one, other = StudyTable(a), StudyTable(b)
+    theirs = other.files.about("identity")
+    differ = [key for key, value in one.files.about("identity").items() if theirs.get(key) != value]
+    typer.echo(f"A: {a}, B: {b}\n  keys that differ   {', '.join(differ) or 'none'}")
+    names = dict.fromkeys((*one.config.outputs.named, *other.config.outputs.named))
+    for design in _designs(one):
+        if design not in _designs(other):
+            continue
+        for side, table in (("A", one), ("B", other)):
+            if (table.outcome != "").any():
+                typer.echo(_row(f"{CAPTURED} {side}", str(table.probability(CAPTURED, design))))
+            for name in names:
+                typer.echo(_row(f"{name} {side}", _metric(table, name, design)))
+        head = "B - A" if design is None else f"B - A of {design}"
+        try:
+            for name in (CAPTURED, *names):
+                if (found := one.paired(name, design, design, other)) is not None:
+                    typer.echo(_row(head, f"{name}: {found}"))
+        except InputError as error:
+            typer.echo(_row(head, f"unpaired: {error}"))
+
+
+def _designs(table: StudyTable) -> list[str | None]:
+    return [item.name for item in table.config.designs] or [None]
 
 
 def run_of_study(folder: Path, run: int, *, quiet: bool = False) -> ExunetError | None:
@@ -91,20 +146,18 @@ def _dry(study: Study) -> Iterator[str]:
         kind += f" x {len(config.designs)} designs ({', '.join(item.name for item in config.designs)})"
     if config.replicates > 1:
         kind += f" x {config.replicates} replicates"
-    yield f"{study.title}: {kind}: {config.number_of_rows} runs"
+    if config.optimise is not None:
+        kind += f", for each of {config.optimise.designs} designs and the given one"
+    yield f"{study.title}: {kind}: {runs_of(study)} runs"
     for run in range(min(3, study.number_of_cases)):
         sample = study.samples.of_runs([run])[0]
-        values = [*_design(study, run), *(f"{key} = {_short(sample[key])}" for key in config.inputs)]
+        values = [*_design(study, run), *(f"{key} = {short(sample[key])}" for key in config.inputs)]
         yield f"  sample {run}   {'   '.join(values)}"
 
 
 def _design(study: Study, run: int) -> list[str]:
     designs = study.config.designs
     return [designs[study.samples.design(run)].name] if designs else []
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else as_toml(value)
 
 
 def _lines(table: StudyTable) -> Iterator[str]:
@@ -117,7 +170,7 @@ def _lines(table: StudyTable) -> Iterator[str]:
     gap = width - len(study.title) - len(known)
     yield f"{study.title}{' ' * gap}{known}" if gap > 1 else f"{study.title}\n  {known}"
     if len(table):
-        designs: list[str | None] = [item.name for item in config.designs] or [None]
+        designs = _designs(table)
         yield from _outcomes(table, designs)
         if config.design == "grid":
             yield from _points(table)
@@ -127,7 +180,10 @@ def _lines(table: StudyTable) -> Iterator[str]:
                 else _row(f"{name}, {design}", _metric(table, name, design))
                 for name in config.outputs.named for design in designs
             )  # fmt: skip
+            for second in designs[1:] if designs[0] is not None else ():
+                yield from _pairs(table, designs[0], second)
             yield from _drivers(table)
+            yield from _optimum(table)
     present, folder = [name for name in _FILES if (table.folder / name).exists()], quote(str(table.folder))
     yield f"  {table.folder}/   {'  '.join(present)}        exunet study {folder} --run 0"
 
@@ -162,8 +218,7 @@ def _outcomes(table: StudyTable, designs: list[str | None]) -> Iterator[str]:
 def _metric(table: StudyTable, name: str, design: str | None) -> str:
     """Return the quantiles of a metric of a design, and the part above its limit."""
     mine = table.of_design(design)
-    values = table.column(name)[mine] if name in table.metrics else np.full(mine.sum(), np.nan)
-    if (found := estimates.quantiles(values)) is None:
+    if (found := estimates.quantiles(values := table.responses(name)[mine])) is None:
         return "no run has it"
     words = f"{found.low:.3g} to {found.high:.3g}"
     if found.median is not None:
@@ -176,27 +231,71 @@ def _metric(table: StudyTable, name: str, design: str | None) -> str:
 
 def _drivers(table: StudyTable) -> Iterator[str]:
     """Yield the inputs that drive the probability of capture, or the first metric."""
-    config, names = table.config, [key for key in table.config.outputs.named if key in table.metrics]
-    name, response = CAPTURED, np.where(table.undetermined, np.nan, table.outcome == CAPTURED)
-    if np.ptp(response[~np.isnan(response)]) == 0.0 and names:
-        name, response = names[0], table.column(names[0])
-    labels = {key.rpartition(".")[2]: key for key in table.inputs}
-    if len(labels) < len(table.inputs):
-        labels = {key: key for key in table.inputs}
+    config = table.config
     if config.designs:
         return
     if config.design == "saltelli":
-        blocks = response.reshape(-1, config.rows_of_point).T if table.complete else np.zeros((0, 0))
-        indices = estimates.sobol_indices(list(labels), blocks, config.seed) if blocks.size else None
+        names = (CAPTURED, *config.outputs.named) if table.complete else ()
+        response = {name: table.responses(name) for name in names}
+        name = next((name for name, values in response.items() if np.nanstd(values) > 0.0), "")
+        blocks = response[name].reshape(-1, config.rows_of_point).T if name else np.zeros((1, 1))
+        indices = estimates.sobol_indices(list(labels_of(table.inputs)), blocks, config.seed)
         if indices is not None:
             parts = (f"{item.name} {item.first.value:.2f}, {item.excess:.2f}" for item in indices.inputs)
             words = f"{'   '.join(parts)}   (first order, total - dummy of {indices.scatter:.2f})"
             yield _row(f"Sobol' indices of {name}", words)
-    elif found := estimates.drivers({k: table.column(labels[k]) for k in labels}, response, config.seed):
+    elif found := drivers_of(table):
+        name, effects = next(iter(found.items()))
         signs = {1: " (+)", -1: " (−)"}
-        words = "   ".join(f"{item.name} {item.index:.2f}{signs.get(item.sign, '')}" for item in found[:5])
-        level = max(item.level for item in found)
+        words = "   ".join(f"{item.name} {item.index:.2f}{signs.get(item.sign, '')}" for item in effects[:5])
+        level = max(item.level for item in effects)
         yield _row(f"drivers of {name}", f"{words}   (first order; below {level:.2g} as good as none)")
+
+
+def _pairs(table: StudyTable, first: str | None, second: str | None) -> Iterator[str]:
+    """Yield the paired differences of two designs."""
+    for name in (CAPTURED, *table.config.outputs.named):
+        if (name != CAPTURED or (table.outcome == CAPTURED).any()) and (
+            found := table.paired(name, first, second)
+        ) is not None:
+            words = f"{second} - {first}: "
+            if name == CAPTURED:
+                parts = (
+                    f"{design} {table.probability(name, design).value:.3f}" for design in (first, second)
+                )
+                words = f"{', '.join(parts)}; "
+            yield _row(name, f"{words}{found}")
+
+
+def _optimum(table: StudyTable) -> Iterator[str]:
+    """Yield the best designs, their gain in fresh runs, and whether the constraints hold there."""
+    config, optimum = table.config.optimise, Optimum.of(table)
+    if config is None or optimum is None:
+        return
+    if optimum.fresh is None:
+        yield _row("optimise", f"none of {len(optimum.trials)} designs satisfies the constraints")
+        return
+    fresh = StudyTable(table.folder / optimum.fresh)
+    first = fresh.of_design(GIVEN)
+    before, given = scores_of(config, fresh, GIVEN)
+    for number in optimum.best:
+        values = "   ".join(f"{key} = {short(value)}" for key, value in optimum.trials[number].values.items())
+        yield _row("best" if len(optimum.best) == 1 else "front", f"design {number}: {values}")
+        second = fresh.of_design(str(number))
+        scores, margins = scores_of(config, fresh, str(number))
+        for k, text in enumerate(config.maximise):
+            quantity = config.quantities[k]
+            response = fresh.responses(quantity.name)
+            found = gain(quantity, response[first], response[second], fresh.config.seed)
+            name = "gain" if found.low > 0.0 else "loss" if found.high < 0.0 else "no gain shown:"
+            words = (
+                f"{text}: given {before[k]:.4g}, design {number} {scores[k]:.4g}; {name} {found.value:+.3g} "
+            )
+            words += f"({found.low:+.3g} to {found.high:+.3g})"
+            yield _row("", f"{words}, in {second.sum()} fresh runs")
+        for text, margin, other in zip(config.constraints, margins, given, strict=True):
+            words = f"{'holds' if margin >= 0.0 else 'DOES NOT HOLD'} by {margin:+.3g}, given {other:+.3g}"
+            yield _row("", f"{text}: {words}")
 
 
 def _points(table: StudyTable) -> Iterator[str]:
@@ -208,7 +307,7 @@ def _points(table: StudyTable) -> Iterator[str]:
     lines = [[*(["design"] if config.designs else []), *config.inputs, *counted, *names]]
     for run in np.unique(runs)[:_POINTS].tolist():
         mine, sample = runs == run, study.samples.of_runs([run])[0]
-        line = [*_design(study, run), *(_short(sample[key]) for key in config.inputs)]
+        line = [*_design(study, run), *(short(sample[key]) for key in config.inputs)]
         line += [f"{captured[mine].sum()} of {mine.sum()}" for _ in counted]
         for values in columns:
             there = values[mine][~np.isnan(values[mine])]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,7 +34,8 @@ def histograms(ensemble: Ensemble, width: float = WIDTHS[1]) -> Figure | None:
     largest = sorted(shown, key=lambda item: -np.ptp(item[1]) / np.abs(item[1]).max())
     largest = largest[: MAX_PANELS if width == WIDTHS[1] else MAX_PANELS_NARROW]
     shown = [entry for entry in shown if any(entry is other for other in largest)]
-    figure, panels = _panels(ensemble, len(shown), width)
+    figure, panels = panels_of(len(shown), width)
+    mark_incomplete(figure, ensemble)
     for axes, (metric, values) in zip(panels, shown, strict=True):
         bins = _bins(values, float(ensemble.time[1] - ensemble.time[0]) if metric.instant == STORED else 0.0)
         axes.hist(values, bins=bins.tolist(), color=_BANDS[1][2], edgecolor="white", linewidth=0.3)
@@ -42,12 +44,12 @@ def histograms(ensemble: Ensemble, width: float = WIDTHS[1]) -> Figure | None:
             at = float(np.quantile(values, level))
             axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label="5 % and 95 %")
         # Above the panel: below it an offset of values that differ in late digits would touch it.
-        axes.set_title(_folded(metric.words, metric.unit, 24), loc="left", fontsize=SMALL)
+        axes.set_title(folded(metric.words, metric.unit, 24), loc="left", fontsize=SMALL)
         axes.set_ylabel("runs [1]")
         axes.xaxis.set_major_locator(MaxNLocator(3, steps=ROUND))
         axes.xaxis.set_major_formatter(ScalarFormatter(useOffset=True))
         axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
-    _legend(figure, panels[0])
+    unique_legend(figure, panels[:1])
     return figure
 
 
@@ -57,7 +59,8 @@ def bands(ensemble: Ensemble, width: float = WIDTHS[1]) -> Figure | None:
     shown = [series for series in general if np.any(ensemble.quantiles[series.name])]
     if not shown:
         return None
-    figure, panels = _panels(ensemble, len(shown), width)
+    figure, panels = panels_of(len(shown), width)
+    mark_incomplete(figure, ensemble)
     level = {float(value): k for k, value in enumerate(ensemble.levels)}
     for axes, series in zip(panels, shown, strict=True):
         values = ensemble.quantiles[series.name]
@@ -67,10 +70,10 @@ def bands(ensemble: Ensemble, width: float = WIDTHS[1]) -> Figure | None:
             axes.fill_between(ensemble.time, *ends, color=tint, linewidth=0, label=label)
         axes.plot(ensemble.time, values[level[0.5]], color=BLACK, linewidth=0.9, label="median")
         axes.set_xlabel("time [s]")
-        axes.set_ylabel(_folded(series.words, series.unit, 22))
+        axes.set_ylabel(folded(series.words, series.unit, 22))
         axes.set_xlim(float(ensemble.time[0]), float(ensemble.time[-1]))
         axes.set_ylim(bottom=min(0.0, float(values.min())))
-    _legend(figure, panels[0])
+    unique_legend(figure, panels[:1])
     return figure
 
 
@@ -88,24 +91,26 @@ def _bins(values: Floats, spacing: float) -> Floats:
     return np.asarray(low + spacing * (width * np.arange(math.ceil(steps / width) + 1) - 0.5))
 
 
-def _folded(words: str, unit: str, length: int) -> str:
+def folded(words: str, unit: str, length: int) -> str:
     """Return the label of an axis in lines of at most so many characters."""
     return textwrap.fill(f"{words} [{unit.replace('2', '²').replace(' ', NO_BREAK) or '1'}]", length)
 
 
-def _legend(figure: Figure, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
+def unique_legend(figure: Figure, panels: Sequence[Axes]) -> None:
+    """Add a legend above the panels, with each label once."""
+    pairs = [axes.get_legend_handles_labels() for axes in panels]
+    unique = {
+        label: handle for handles, labels in pairs for label, handle in zip(labels, handles, strict=True)
+    }
     legend_above(figure, list(unique.values()), list(unique))
 
 
-def _panels(ensemble: Ensemble, count: int, width: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure with panels in up to four columns."""
+def panels_of(count: int, width: float, height: float = _ROW) -> tuple[Figure, list[Axes]]:
+    """Return a figure with panels in up to four columns; height of a row [mm]."""
     columns = min(count, int(width / _COLUMN), 3 if count < 10 else 4)
     rows = math.ceil(count / columns)
-    figure = blank(width / INCH, (_HEAD + _ROW * rows) / INCH)
+    figure = blank(width / INCH, (_HEAD + height * rows) / INCH)
     figure.set_layout_engine("constrained")
-    mark_incomplete(figure, ensemble)
     panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
     for axes in panels[count:]:
         axes.remove()

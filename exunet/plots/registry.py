@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from exunet.base.arguments import takes
 from exunet.base.errors import FigureError, InputError
 from exunet.base.files import cannot_write, path_of, replacing
-from exunet.plots import balances, captures, curves, ensembles, nets, tensions
+from exunet.plots import balances, captures, curves, ensembles, nets, studies, tensions
+from exunet.plots.studies import StudyData
 from exunet.plots.style import FORMATS, PRINT, SCREEN, WIDTHS, Source, drawing, write
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, load_ensemble
@@ -52,11 +53,17 @@ ENSEMBLE_FIGURES = {
     "histograms": Entry(ensembles.histograms, "metrics that differ between runs"),
     "bands": Entry(ensembles.bands, "quantities over time that are not zero"),
 }
+STUDY_FIGURES = {
+    "distributions": Entry(studies.distributions, "a metric in [outputs], of at most 8 designs"),
+    "map": Entry(studies.outcome_map, "two inputs that are numbers, and [capture] or a metric in [outputs]"),
+    "drivers": Entry(studies.drivers, "20 random runs"),
+    "designs": Entry(studies.designs, "designs or a grid, of at most 24 points"),
+}
 
 
-@takes(result=(Result, Ensemble), name=str, agreement=Agreement, ensemble=Ensemble, grid=bool)
+@takes(result=(Result, Ensemble, StudyData), name=str, agreement=Agreement, ensemble=Ensemble, grid=bool)
 def figure(
-    result: Result | Ensemble,
+    result: Result | Ensemble | StudyData,
     name: str,
     *,
     agreement: Agreement | None = None,
@@ -64,11 +71,11 @@ def figure(
     width: float = 170.0,
     grid: bool = False,
 ) -> Figure:
-    """Draw one figure of a result or of an ensemble.
+    """Draw one figure of a result, an ensemble or a study.
 
     Parameters
     ----------
-    result : Result or Ensemble
+    result : Result, Ensemble or StudyData
         What the figure shows.
     name : str
         Name of the figure: see the table.
@@ -103,7 +110,7 @@ def figure(
 
 
 @takes(
-    result=(Result, Ensemble),
+    result=(Result, Ensemble, StudyData),
     agreement=Agreement,
     ensemble=Ensemble,
     format=str,
@@ -112,7 +119,7 @@ def figure(
     overwrite=bool,
 )
 def save_figures(
-    result: Result | Ensemble,
+    result: Result | Ensemble | StudyData,
     folder: str | Path,
     agreement: Agreement | None = None,
     ensemble: Ensemble | None = None,
@@ -123,7 +130,7 @@ def save_figures(
     grid: bool = False,
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write the figures of a result or of an ensemble as NAME.FORMAT into a folder.
+    """Write the figures of a result, an ensemble or a study as NAME.FORMAT into a folder.
 
     The same result gives the same bytes. A figure that cannot be drawn does not prevent the others.
 
@@ -212,7 +219,7 @@ def _write(
 
 
 def _prepare(
-    result: Result | Ensemble,
+    result: Result | Ensemble | StudyData,
     agreement: Agreement | None,
     ensemble: Ensemble | None,
     width: float,
@@ -223,6 +230,8 @@ def _prepare(
         raise InputError(f"width: must be {' or '.join(f'{allowed:g}' for allowed in WIDTHS)}, got {width!r}")
     if isinstance(result, Ensemble):
         return ENSEMBLE_FIGURES, (result, float(width))
+    if isinstance(result, StudyData):
+        return STUDY_FIGURES, (result, float(width))
     if ensemble is None and result.ensemble_file is not None:
         ensemble = load_ensemble(result.ensemble_file)
     return FIGURES, (Source(result, ensemble, agreement, float(width), grid),)

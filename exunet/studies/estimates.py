@@ -399,6 +399,10 @@ class PairedMetric:
     pairs: int
     level: float
 
+    def __str__(self) -> str:
+        interval = f"({self.low:+.3g} to {self.high:+.3g})"
+        return f"median of differences {self.median:+.3g} {interval}, {self.pairs} pairs"
+
 
 def paired_metrics(first: Floats, second: Floats, seed: int, level: float = LEVEL) -> PairedMetric | None:
     """Compare a metric between two designs with the same draws; None for fewer than two complete pairs.

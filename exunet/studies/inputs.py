@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -23,6 +24,7 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
 from exunet.base.record import Count, FromArray, NonNegative, Positive, Record
 from exunet.bodies.rotations import product, quaternion_of
+from exunet.results.outcome import Outcome
 
 Pair = Annotated[tuple[float, float], FromArray]
 Triple = Annotated[tuple[float, float, float], FromArray]
@@ -37,6 +39,7 @@ _LEAST = 2.0**-54  # so that no quantile is infinite
 _BITS = 30  # of Sobol' points
 _DIMENSIONS = {"isotropic": 3, "tilt": 2}  # numbers from 0 to 1 that a draw takes, if not one
 _COMPONENTS = {"isotropic": 3, "tilt": 4}
+_QUANTITY = re.compile(r"(-?)(probability|median|quantile)\((\w+)(?:,([\d.]+))?\)(?:(<=|>=)(.+))?")
 _UNBOUNDED = ("integer", "choice", "isotropic", "tilt", "values")
 
 
@@ -221,6 +224,80 @@ class OutputsConfig(Record):
         return run in self.keep if isinstance(self.keep, tuple) else self.keep in ("all", outcome)
 
 
+@dataclass(frozen=True)
+class Quantity:
+    """Probability of an outcome, or quantile of a metric, over the runs of a design; larger is better.
+
+    part  : of the quantile; None of a probability
+    sign  : -1 where smaller is better
+    bound : minimum, of a constraint, with this sign
+    """
+
+    name: str
+    part: float | None
+    sign: float
+    bound: float | None = None
+
+    @classmethod
+    def parse(cls, text: str, *, bounded: bool) -> Quantity:
+        """Read such as "-quantile(METRIC, 0.95)", or a constraint; raises ValueError."""
+        if (found := _QUANTITY.fullmatch(text.replace(" ", ""))) is None:
+            raise ValueError
+        minus, kind, name, given, relation, number = found.groups()
+        part = None if kind == "probability" else float(given or 0.5)
+        valid = name in list(Outcome) if part is None else 0.0 < part < 1.0
+        if not valid or (relation is not None) != bounded or (given is not None) != (kind == "quantile"):
+            raise ValueError
+        turned = -1.0 if relation == "<=" else 1.0
+        bound = turned * float(number) if bounded else None
+        return cls(name, part, -turned if minus else turned, bound)
+
+    def value(self, responses: Floats) -> float:
+        """Return the quantity of (runs,) values, with its sign; NaN of a run without it is the worst."""
+        signed = self.sign * responses
+        if self.part is None:
+            return float(np.nan_to_num(signed, nan=min(0.0, self.sign)).mean())
+        part = self.part if self.sign > 0.0 else 1.0 - self.part
+        with np.errstate(invalid="ignore"):  # between infinities
+            found = float(np.quantile(np.where(np.isnan(signed), -math.inf, signed), part))
+        return -math.inf if math.isnan(found) else found
+
+
+class OptimiseConfig(Record):
+    """Search for the best values of keys; each design is judged by all runs, with the same samples."""
+
+    over: dict[str, InputConfig] = Field(
+        min_length=1, description="by key: uniform, log_uniform, integer or choice, as the range of values"
+    )
+    maximise: Annotated[
+        Texts, BeforeValidator(lambda given: [given] if isinstance(given, str) else given)
+    ] = Field(description="one or two of probability(OUTCOME), median(METRIC), quantile(METRIC, PART)")
+    constraints: Texts = Field((), description='"QUANTITY <= NUMBER" or "QUANTITY >= NUMBER"')
+    designs: Count = Field(40, description="number of designs that are tried")
+
+    def faults(self) -> Iterator[Fault]:
+        """Require ranges, and quantities that can be read."""
+        for key, item in self.over.items():
+            if item.kind not in ("uniform", "log_uniform", "integer", "choice") or item.bounds:
+                yield Fault(f"over.{json.dumps(key)}", "requires uniform, log_uniform, integer or choice")
+        if not 1 <= len(self.maximise) <= 2:
+            yield Fault("maximise", f"requires one or two quantities, got {len(self.maximise)}")
+        for key in ("maximise", "constraints"):
+            for text in getattr(self, key):
+                try:
+                    Quantity.parse(text, bounded=key == "constraints")
+                except ValueError:
+                    yield Fault(key, f"requires {type(self).model_fields[key].description}, got {text!r}")
+
+    @cached_property
+    def quantities(self) -> list[Quantity]:
+        """What is maximised, then the constraints."""
+        return [
+            *(Quantity.parse(text, bounded=False) for text in self.maximise),
+            *(Quantity.parse(text, bounded=True) for text in self.constraints),
+        ]
+
+
 class StudyConfig(Record):
     """A study: case, inputs, design."""
 
@@ -240,6 +317,7 @@ class StudyConfig(Record):
         default_factory=lambda: OutputsConfig.model_validate({}), description="what is printed and kept"
     )
     time_limit: Positive | None = Field(None, description="wall time of a run [s]")
+    optimise: OptimiseConfig | None = Field(None, description="search for better values of keys")
 
     def faults(self) -> Iterator[Fault]:
         """Require inputs and numbers of runs that fit the design."""
@@ -260,6 +338,11 @@ class StudyConfig(Record):
             yield Fault("replicates", 'requires design = "grid"')
         if self.designs and saltelli:
             yield Fault("designs", "saltelli does not compare designs: use random, lhs or grid")
+        if self.optimise is not None:
+            if self.design not in ("random", "lhs") or self.designs:
+                yield Fault("optimise", 'requires design = "random" or "lhs", without designs')
+            for key in self.optimise.over.keys() & self.inputs.keys():
+                yield Fault(f"optimise.over.{json.dumps(key)}", "is an input too: remove one of both")
         if len({design.name for design in self.designs}) < len(self.designs):
             yield Fault("designs", "requires different names")
         if (number := self.number_of_rows) > MAX_RUNS:

@@ -47,14 +47,14 @@ from exunet.studies.executor import (
     run_jobs,
     versions,
 )
-from exunet.studies.inputs import NO_TURN, InputConfig, Sample, Samples, StudyConfig
+from exunet.studies.inputs import NO_TURN, DesignConfig, InputConfig, Sample, Samples, StudyConfig
 from exunet.studies.rows import FAILED, FIXED, INVALID, OK, RowFile, RowFiles, file_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-    from exunet.studies.estimates import Estimate
+    from exunet.studies.estimates import Estimate, PairedMetric, PairedOutcome
 
 CHECKED = 200  # samples that are prepared before any run
 MAX_OUTSIDE = 1e-3  # mass of a distribution outside the bounds of its key
@@ -63,7 +63,7 @@ _CHUNK = 256  # samples that are drawn together
 _MENDS = {"solver.step": '; set = ["solver="] lets each run choose its step'}  # by key of the fault
 _NOT_IN_ALL = re.compile(r"capture_time_s|escape_time_s|first_break_s|script_.*|time_of_.*|.*_first_.*")
 _TYPES = {"choice": "", "values": "", "integer": "INTEGER"}  # "": as they are
-_NO_IDENTITY = {"title", "outputs", "time_limit", "case"}  # keys that change no row
+_NO_IDENTITY = {"title", "outputs", "time_limit", "case", "optimise"}  # keys that change no row
 
 Progress = Callable[[int, int], None]
 Cases = tuple[tuple[str, Path], ...]  # text and path
@@ -128,9 +128,23 @@ class Study:
         if cases is None:
             names = [design.case or config.case for design in config.designs] or [config.case]
             cases = tuple((read_text(folder / name), (folder / name).resolve()) for name in names)
-        self._cases = cases
+        self._cases, self._valid = cases, False
         self._lines = key_lines(source[0]) if source else {}
         return self
+
+    def variant(self, designs: Mapping[str, Sequence[str]], **more: Any) -> Study:
+        """Return this study with designs, overrides by name, and other keys; samples are not validated."""
+        listed = [
+            DesignConfig.model_validate({"name": name, "set": list(own)}) for name, own in designs.items()
+        ]
+        outputs = self.config.outputs.model_copy(update={"keep": "none"})
+        own = {"designs": tuple(listed), "optimise": None, "outputs": outputs, **more}
+        cases = self._cases[:1] * len(listed)
+        found = Study.__new__(Study)._begin(
+            self.config.model_copy(update=own), self._folder, self._source, cases
+        )
+        found._valid = True
+        return found
 
     @property
     def name(self) -> str:
@@ -190,13 +204,14 @@ class Study:
         faults: dict[Fault, None] = {}
         for design in range(len(self._cases)):
             scene = self._base(design).scene
-            for key, item in self.config.inputs.items():
+            over = {} if self.config.optimise is None else self.config.optimise.over
+            for key, item in (self.config.inputs | over).items():
                 faults |= dict.fromkeys(self._faults_of_input(design, scene, key, item))
         if found := list(faults) or self._faults_of_samples():
             raise CaseError(found)
 
     def _faults_of_input(self, design: int, scene: Scene, key: str, item: InputConfig) -> Iterator[Fault]:
-        here = self._place("inputs", key)
+        here = self._place(*(("inputs", key) if key in self.config.inputs else ("optimise", "over")))
         try:
             path = key_path(key)
         except ValueError as error:
@@ -240,13 +255,17 @@ class Study:
 
     def validate_outputs(self, metrics: Iterable[str]) -> None:
         """Raise CaseError for an output that is not among the metrics of a run, nor depends on its events."""
-        faults = []
-        for key in ("print", "limits"):
-            for name in getattr(self.config.outputs, key):
+        faults, outputs, optimise = [], self.config.outputs, self.config.optimise
+        quantities = (
+            [] if optimise is None else [item.name for item in optimise.quantities if item.part is not None]
+        )
+        named = {"outputs.print": outputs.print, "outputs.limits": outputs.limits, "optimise": quantities}
+        for key, names in named.items():
+            for name in names:
                 if name not in metrics and not _NOT_IN_ALL.fullmatch(name):
                     hint = f"; did you mean '{near}'?" if (near := closest(name, metrics)) else ""
                     words = f"{name} is not a metric of the case{hint}"
-                    faults.append(Fault(f"outputs.{key}", words, place=self._place("outputs", key)))
+                    faults.append(Fault(key, words, place=self._place(*key.split("."))))
         if faults:
             raise CaseError(faults)
 
@@ -323,7 +342,7 @@ class Study:
             if changed := sorted(key for key in stored | own if stored.get(key) != own.get(key)):
                 words = f"has rows of another study, which differs in {', '.join(changed)}"
                 raise InputError(f"{folder}: {words}: give a new folder, or all as it was")
-        else:
+        elif not self._valid:
             self.validate()
         with _writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -522,6 +541,44 @@ class StudyTable:
     def undetermined(self) -> Bools:
         """(rows,) which rows have no outcome: undetermined, failed or invalid."""
         return np.isin(self.status, (FAILED, INVALID)) | (self.outcome == Outcome.UNDETERMINED.value)
+
+    def responses(self, name: str) -> Floats:
+        """Return (rows,) 1 and 0 of an outcome, or a metric; NaN of runs without it."""
+        if name in list(Outcome):
+            return np.where(self.undetermined, np.nan, self.outcome == name)
+        return self.column(name) if name in self.metrics else np.full(len(self), np.nan)
+
+    def paired(
+        self, name: str, first: str | None, second: str | None, other: StudyTable | None = None
+    ) -> PairedOutcome | PairedMetric | None:
+        """Compare an outcome or a metric of two designs, of this table or the second of another.
+
+        Returns None for a metric that fewer than two pairs have. Raises InputError for designs without the
+        same independent samples.
+        """
+        from exunet.studies import estimates
+
+        sides = ((self, first), (other or self, second))
+        rows = [np.flatnonzero(table.of_design(design)) for table, design in sides]
+        numbers = [
+            table.numbers[mine] // table.config.rows_of_point
+            for (table, _), mine in zip(sides, rows, strict=True)
+        ]
+        _, *common = np.intersect1d(numbers[0], numbers[1], return_indices=True)
+        if not len(common[0]):
+            raise InputError("paired: the designs have no sample in common")
+        one, two = (mine[places] for mine, places in zip(rows, common, strict=True))
+        tables = [table for table, _ in sides]
+        if any(table.config.design in ("grid", "saltelli") for table in tables) or any(
+            not np.array_equal(self.column(key)[one], tables[1].column(key)[two]) for key in self.inputs
+        ):
+            raise InputError("paired: requires two designs with the same random samples")
+        a, b = self.responses(name)[one], tables[1].responses(name)[two]
+        return (
+            estimates.paired_outcomes(a, b)
+            if name in list(Outcome)
+            else estimates.paired_metrics(a, b, self.config.seed)
+        )
 
     def probability(self, outcome: str, design: str | None = None, level: float = 0.95) -> Estimate:
         """Return the probability of an outcome of a design, with its interval at a level of confidence.
