@@ -44,7 +44,7 @@ LEVELS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # errors whose wall times are reported
 INSTANTS = 100  # stored times at which solutions are compared to find the horizon
 PREDICTABLE = 1e-2  # uncertainty of a speed, relative to the launch speed, up to which it is predictable
 REPEATS = 10  # integrations at most that are timed for a setting
-REPEATED = 0.2  # wall time of these [s] from which on none follows
+REPEATED = 0.4  # wall time of these [s] from which on none follows
 FEWEST = 4  # perturbed runs that a verdict needs
 RESOLVED = 3.0  # times the uncertainty of the converged solution, from which on an error is known
 CHEAPER = 0.9  # of the wall time; a smaller difference is within the scatter of single runs
@@ -430,7 +430,7 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
     """Run settings, the cheapest first, as long as one fits.
 
     A setting runs from the start as it is, timed, and, where distributions are compared, from FEW_RUNS
-    perturbed starts; from FEWEST if otherwise not all steps fit into half of the time left, from half of
+    perturbed starts; from FEWEST if otherwise not all steps fit into the time left, from half of
     that if a setting does not fit. What remains goes to further perturbed runs.
     """
     like = study.rows[0].setting.method
@@ -449,7 +449,7 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
         waiting.remove(row)
         _run_once(study, row, left, say)
         steps = (study.wall_of(other) for other in (row, *waiting) if other.setting.varied == Varied.SIZE)
-        if sum(steps) > 0.5 * left():
+        if sum(steps) > left():
             study.few = min(FEWEST, study.few)
         _run_perturbed(study, row, min(study.runs, study.few), left, say)
         same = [other for other in waiting if other.setting.name == row.setting.name]
