@@ -190,7 +190,7 @@ def _divisions(study: Study) -> Iterator[tuple[str, str]]:
     """Yield for each division of the threads the metrics that it moves, and the time it takes."""
     before, about = study.rows[0], {quantity.key: quantity for quantity in varying(study)}
     for row in study.rows:
-        if row.setting.varied != Varied.DIVISIONS or not (row.samples and before.samples):
+        if row.setting.varied != Varied.DIVISIONS or not (study.complete(row) and study.complete(before)):
             continue
         pairs = [(key, before.comparisons.get(key), row.comparisons.get(key)) for key in about]
         every = [
