@@ -332,7 +332,7 @@ def test_beyond_the_horizon_distributions_are_compared(tmp_path):
             row for row in csv.DictReader(file) if row["compared"] == "metrics" and row["largest_area_m2"]
         ]
     own = next(row for row in rows if row["name"] == "tolerance x 1")
-    assert own["perturbed_runs"] == "8"
+    assert 4 <= int(own["perturbed_runs"]) <= 8  # a verdict needs 4; the budget decides
     assert 0.85 < float(own["largest_area_m2"]) / 25.0 < 1.0
 
 
