@@ -42,9 +42,11 @@ def figure_of(parts: list[Study]) -> Figure | None:
     for k, (part, quantity) in enumerate(metrics):
         _metric_panel(panels[f"metric {k}"], part, quantity, marks)
     found = [pair for axes in panels.values() for pair in zip(*axes.get_legend_handles_labels(), strict=True)]
-    labels = {label: handle for handle, label in reversed(found)}
+    labels = dict[str, Any]()
+    for handle, label in found:
+        labels.setdefault(label, handle)
     place: dict[str, Any] = {"loc": "outside upper center", "ncols": 3, "frameon": False, "fontsize": SMALL}
-    figure.legend(list(labels.values())[::-1], list(labels)[::-1], **place)
+    figure.legend(list(labels.values()), list(labels), **place)
     return figure
 
 

@@ -264,7 +264,7 @@ def test_a_budget_leaves_out_what_costs_too_much(monkeypatch):
     rows = [Row(setting_of(Backend.EXUDYN, Method.RK44, step=10.0**-k)) for k in (3, 4, 5, 6)]
     found = Study(subject(0.01, reference=False), rows, SURE)
     run_study(found, lambda: 13.5 - clock[0], lambda words: None)
-    assert [len(row.seconds) for row in rows] == [2, 1, 1, 0]
+    assert [len(row.seconds) for row in rows] == [4, 1, 1, 0]
     assert rows[3].status == Status.NOT_RUN
     assert rows[3].expected == pytest.approx(100.0)
 
@@ -280,9 +280,10 @@ def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
         return run(*arguments, **keys)
 
     monkeypatch.setattr(studies, "run", stop_at_the_tenth)
+    monkeypatch.setattr(studies, "REPEATS", 1)
     assert cost(exunet.load(PLANAR), tmp_path, 0.02, 60.0) == 130
     with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
-        assert sum(row["status"] == "ran" for row in csv.DictReader(file)) == 4
+        assert sum(row["status"] == "ran" for row in csv.DictReader(file)) == 5  # with the reference's
 
 
 @pytest.mark.parametrize("until", [0.0, -1.0, 3.0, float("nan"), 1e-12])
@@ -331,7 +332,7 @@ def test_beyond_the_horizon_distributions_are_compared(tmp_path):
             row for row in csv.DictReader(file) if row["compared"] == "metrics" and row["largest_area_m2"]
         ]
     own = next(row for row in rows if row["name"] == "tolerance x 1")
-    assert own["perturbed_runs"] == "8"
+    assert 4 <= int(own["perturbed_runs"]) <= 8  # a verdict needs 4; the budget decides
     assert 0.85 < float(own["largest_area_m2"]) / 25.0 < 1.0
 
 
@@ -478,7 +479,8 @@ def test_the_cheapest_that_holds_is_recommended(case: Case) -> None:
     verdicts = [row.verdict for row in study.rows[:4]]
     assert verdicts == [Verdict.FAILS, Verdict.OPEN, Verdict.HOLDS, Verdict.HOLDS]
     assert "step=2e-05" in dict(rows_of([study], 60.0))["recommended"]
-    study.rows[2].samples.clear()
+    del study.rows[2].samples[3:]  # a verdict needs 4
+    assert study.rows[2].verdict == Verdict.OPEN
     assert study.recommended is study.rows[4]
 
 

@@ -46,8 +46,12 @@ def _wall_times(study: Study) -> Table:
     for name, method, backend in names:
         best = [study.cheapest(level, name) for level in levels]
         if any(best) and name != ACCURATE:
-            waits = any(row.status == Status.NOT_RUN for row in study.rows if row.setting.name == name)
-            cells = [("…" if waits else "–") if row is None else wall(row.wall) for row in best]
+            left = [row for row in study.rows if row.setting.name == name and row.status == Status.NOT_RUN]
+            loosest = max((row.setting.size for row in left), default=0.0)
+            none = "…" if left else "–"
+            cells = [
+                none if row is None else "≤ " * (loosest > row.setting.size) + wall(row.wall) for row in best
+            ]
             seconds = [math.inf if row is None else row.wall for row in best]
             lines.append((list(BACKENDS).index(backend), seconds, [BACKENDS[backend], str(method), *cells]))
     shown = [cells for _, _, cells in sorted(lines)]
@@ -186,7 +190,7 @@ def _divisions(study: Study) -> Iterator[tuple[str, str]]:
     """Yield for each division of the threads the metrics that it moves, and the time it takes."""
     before, about = study.rows[0], {quantity.key: quantity for quantity in varying(study)}
     for row in study.rows:
-        if row.setting.varied != Varied.DIVISIONS or not (row.samples and before.samples):
+        if row.setting.varied != Varied.DIVISIONS or not (study.complete(row) and study.complete(before)):
             continue
         pairs = [(key, before.comparisons.get(key), row.comparisons.get(key)) for key in about]
         every = [

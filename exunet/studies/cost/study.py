@@ -44,7 +44,7 @@ LEVELS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # errors whose wall times are reported
 INSTANTS = 100  # stored times at which solutions are compared to find the horizon
 PREDICTABLE = 1e-2  # uncertainty of a speed, relative to the launch speed, up to which it is predictable
 REPEATS = 10  # integrations at most that are timed for a setting
-REPEATED = 0.2  # wall time of these [s], from which on no more follow
+REPEATED = 0.4  # wall time of these [s] from which on none follows
 FEWEST = 4  # perturbed runs that a verdict needs
 RESOLVED = 3.0  # times the uncertainty of the converged solution, from which on an error is known
 CHEAPER = 0.9  # of the wall time; a smaller difference is within the scatter of single runs
@@ -430,8 +430,8 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
     """Run settings, the cheapest first, as long as one fits.
 
     A setting runs from the start as it is, timed, and, where distributions are compared, from FEW_RUNS
-    perturbed starts; from FEWEST if otherwise not all steps fit into half of the time left, from half of
-    that if it fits no more. What remains goes to further perturbed runs.
+    perturbed starts; from FEWEST if otherwise not all steps fit into the time left, from half of
+    that if a setting does not fit. What remains goes to further perturbed runs.
     """
     like = study.rows[0].setting.method
     waiting = [row for row in study.rows if row.status == Status.NOT_RUN]
@@ -439,9 +439,8 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
         for row in waiting:
             stopped = row.expected if row.reason else 0.0
             row.expected = max(stopped, study.costs.of(row.setting, study.subject.end))
-        row = min(
-            waiting, key=lambda row: (study.wall_of(row), row.setting.method != like, -row.setting.size)
-        )
+        walls = [(study.wall_of(row), row.setting.method != like, -row.setting.size) for row in waiting]
+        row = waiting[walls.index(min(walls))]
         if study.wall_of(row) > left():
             if study.by_trajectory or study.few < FEWEST:
                 break
@@ -450,7 +449,7 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
         waiting.remove(row)
         _run_once(study, row, left, say)
         steps = (study.wall_of(other) for other in (row, *waiting) if other.setting.varied == Varied.SIZE)
-        if sum(steps) > 0.5 * left():
+        if sum(steps) > left():
             study.few = min(FEWEST, study.few)
         _run_perturbed(study, row, min(study.runs, study.few), left, say)
         same = [other for other in waiting if other.setting.name == row.setting.name]
@@ -467,7 +466,7 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
 
 
 def _run_once(study: Study, row: Row, left: TimeLeft, say: Say) -> None:
-    """Run the start as it is, timed with few stored times; repeat a short run, whose single times are noise."""
+    """Run the start as it is, timed with few stored times; repeat a short run, as its times are noise."""
     subject, setting = study.subject, row.setting
     if not subject.times and setting.varied != Varied.BACKEND:  # whose single run has the metrics
         subject = subject.at(np.linspace(0.0, subject.end, WATCHED + 1).tolist())
@@ -477,17 +476,17 @@ def _run_once(study: Study, row: Row, left: TimeLeft, say: Say) -> None:
         if setting.backend is not None and not any(same):
             warm_up(subject, setting)
         row.run = run(subject, setting, _within(left(), subject.end))
-        row.seconds.append(row.run.seconds)
-        while len(row.seconds) < REPEATS and sum(row.seconds) < REPEATED and row.wall < left():
-            row.seconds.append(run(subject, setting).seconds)
     except Exception as error:  # noqa: BLE001 - a setting that cannot run stays in the table
         _ended(row, error)
         return
     row.status = Status.RAN
+    row.seconds.append(row.run.seconds)
     study.costs.ran.append((setting, subject.end, row.run))
     if study.converged is not None:
         difference = float(np.abs(row.run.tracked[-1] - study.converged.speeds).max())
         row.error = max(difference / subject.speed, study.uncertainty)
+    while len(row.seconds) < REPEATS and sum(row.seconds) < REPEATED and row.wall < left():
+        row.seconds.append(run(subject, setting).seconds)
 
 
 def _run_perturbed(study: Study, row: Row, goal: int, left: TimeLeft, say: Say) -> None:
