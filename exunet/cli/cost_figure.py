@@ -31,7 +31,7 @@ def figure_of(parts: list[Study]) -> Figure | None:
         return None
     figure = blank(_WIDTH / INCH, _HEIGHT / INCH)
     figure.set_layout_engine("constrained")
-    rows = [[f"metric {k}"] for k in range(len(metrics))]
+    rows: list[Any] = [[f"metric {k}"] for k in range(len(metrics))]
     if errors is None:
         rows = [[name for (name,) in rows]]
     else:
