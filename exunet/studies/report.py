@@ -22,7 +22,7 @@ from exunet.studies.study import StudyTable
 
 REPORT, FIGURES = "report.html", "figures"
 CAPTURED = Outcome.CAPTURED.value
-_RESPONSES = 3  # whose drivers are estimated
+_RESPONSES = 4  # whose drivers are estimated
 _STYLE = """
 body { font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #111; }
 pre { font-size: 12px; white-space: pre-wrap; border-left: 3px solid #ccc; padding-left: 0.8em; }
