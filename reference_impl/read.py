@@ -35,6 +35,7 @@ from reference_impl.case import (
     Tether,
     Winch,
 )
+from reference_impl.cords import properties
 from reference_impl.effects import read_effects
 from reference_impl.mesh_files import triangles
 from reference_impl.solids import Solid, enclosed
@@ -57,13 +58,14 @@ _MODES = ("lock", "brake", "rate", "tension")
 
 
 def read_cable(table: Table) -> Cable:
-    """Area [m2] (from diameter or area), density and modulus of a cable."""
+    """Area [m2] (from diameter or area), density and modulus of a cable, given or those of its cord."""
     if "diameter" in table:
         area = math.pi / 4.0 * table.need("diameter", number) ** 2
     else:
         area = table.need("area", number)
-    table.ignore("strength")  # nothing depends on it here
-    return Cable(area, table.need("density", number), table.need("youngs_modulus", number))
+    if (cord := properties(table)) is None:
+        return Cable(area, table.need("density", number), table.need("youngs_modulus", number))
+    return Cable(area, table.get("density", number, cord[0]), table.get("youngs_modulus", number, cord[1]))
 
 
 def read_attachments(tables: dict[str, Table], body: str) -> list[Attachment]:

@@ -92,8 +92,9 @@ class Net(ShortRepr):
     rim                : loop of all nodes along the edge of the meshes from corner to corner of the mouth,
                          inner nodes of sides too; the corners alone where no edge goes through them all
     tethers            : cables beside the net: their own nodes and elements are the last ones
-    strength           : (n_elements,) axial force that each element is said to bear, or at which it breaks
-                         [N]; 0: not known. None: of no element
+    strength           : (n_elements,) axial force that each element is said to bear (its strength x
+                         knot_efficiency / safety_factor), or at which it breaks [N]; 0: not known. None: of
+                         no element
     knots              : (n_knots,) nodes at the ends of mesh sides, which names refer to: divisions do not
                          move them
     """

@@ -7,12 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sized
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
 
 from exunet.base.arguments import shown
 from exunet.base.errors import Fault
 from exunet.base.record import Count, Number, Positive, Record
 from exunet.net.arrays import NODE_NAME, Net
+from exunet.net.cords import CONSTRUCTIONS, FIBRES, ConstructionName, FibreName, circle, cord
 
 MAX_ELEMENTS = 1_000_000
 WHOLE = 1e-9  # how near size / mesh must be to a whole number
@@ -72,31 +73,95 @@ class Cable(Record):
     area: Positive | None = Field(
         None, description="area of the cross section [m2], instead of diameter", examples=[3.14e-6]
     )
-    density: Positive = Field(description="mass density [kg/m3]", examples=[1390.0])
-    youngs_modulus: Positive = Field(description="Young's modulus E [Pa]", examples=[70e9])
-    strength: Positive | None = Field(
+    material: FibreName | None = Field(
         None,
+        description="fibre or wire, from which density, youngs_modulus and strength follow where absent",
+        examples=["dyneema_sk75"],
+    )
+    construction: ConstructionName = Field(
+        "monofilament", description="with material: how much fibre fills the circle, and its factors"
+    )
+    density: Positive = Field(
+        default_factory=lambda given: _of_cord(given, "density"),
+        description="mass density [kg/m3]; required without material",
+        examples=[1390.0],
+    )
+    youngs_modulus: Positive = Field(
+        default_factory=lambda given: _of_cord(given, "youngs_modulus"),
+        description="Young's modulus E [Pa]; required without material",
+        examples=[70e9],
+    )
+    strength: Positive | None = Field(
+        default_factory=lambda given: _strength_of_cord(given),
         description="specified axial strength [N], against which margins are reported; nothing breaks at it",
         examples=[400.0],
     )
+    knot_efficiency: float = Field(
+        1.0, gt=0.0, le=1.0, description="part of the strength that knots leave, for margins"
+    )
+    safety_factor: float = Field(1.0, ge=1.0, description="by which loads are multiplied, for margins")
 
     @property
     def cross_section(self) -> float:
         """Area A of the cross section [m2]."""
-        return (
-            self.area
-            if self.area is not None
-            else math.pi / 4 * (self.diameter or 0.0) * (self.diameter or 0.0)
-        )
+        return self.area if self.area is not None else circle(self.diameter or 0.0)
+
+    @property
+    def allowable(self) -> float | None:
+        """Largest load [N] with a margin of at least zero: strength x knot efficiency / safety factor."""
+        return None if self.strength is None else self.strength * self.knot_efficiency / self.safety_factor
+
+    @property
+    def assumed(self) -> str:
+        """Values that follow from the material, with their sources; "" without."""
+        names = [name for name in _UNITS if not self.is_given(name)] if self.material else []
+        if not names or self.material is None:
+            return ""
+        values = ", ".join(f"{name} = {getattr(self, name):.4g} {_UNITS[name]}" for name in names)
+        kept = CONSTRUCTIONS[self.construction]
+        how = f"{self.construction} (factors of area, modulus, strength {kept.fill:g}, {kept.modulus:g}, "
+        how += f"{kept.strength:g}: {kept.source})"
+        return f"{values} assumed from {self.material} ({FIBRES[self.material].source}), {how}"
 
     def faults(self) -> Iterator[Fault]:
         """Require a mass per length and an axial stiffness that are positive floating-point numbers."""
+        if missing := [name for name in ("density", "youngs_modulus") if math.isnan(getattr(self, name))]:
+            about = {name: type(self).model_fields[name].description for name in missing}
+            yield from (Fault(name, f"missing: {words}") for name, words in about.items())
+            return
+        if self.material is None and "construction" in self.model_fields_set:
+            yield Fault("construction", "requires material, whose values it scales")
+        for name in ("knot_efficiency", "safety_factor"):
+            if name in self.model_fields_set and self.strength is None:
+                yield Fault(name, "requires strength or material: it changes the margin to a strength")
         if self.is_given("diameter") == self.is_given("area"):
             return
         for words, value in (("mass per length", self.density), ("axial stiffness", self.youngs_modulus)):
             if not 0 < (product := value * self.cross_section) < math.inf:
                 yield Fault("", f"its {words}, {product:g}, is outside the range of floating-point numbers")
                 return
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
+        needed = [{"required": ["material"]}, {"required": ["density", "youngs_modulus"]}]
+        handler.resolve_ref_schema(schema)["anyOf"] = needed
+        return schema
+
+
+_UNITS = {"density": "kg/m3", "youngs_modulus": "Pa", "strength": "N"}  # of what follows from a material
+
+
+def _of_cord(given: dict[str, Any], name: str) -> float:
+    """Return a property of the cord of a cable; NaN without a material."""
+    made = cord(given["material"], given["construction"])
+    return math.nan if made is None else float(getattr(made, name))
+
+
+def _strength_of_cord(given: dict[str, Any]) -> float | None:
+    """Return the strength of a cable [N] from its material; None without one."""
+    made, area = cord(given["material"], given["construction"]), given["area"]
+    return None if made is None else made.strength * (area or circle(given["diameter"] or 0.0))
 
 
 class Strings(Cable):

@@ -367,8 +367,8 @@ def _net(
         "density": spread([kind.made_of.density for kind in cables]),
         "is_string": np.repeat([kind.is_string for kind in cables], counts),
     }
-    if any(kind.made_of.strength for kind in cables):
-        arrays["strength"] = spread([kind.made_of.strength or 0.0 for kind in cables])
+    if any(kind.made_of.allowable for kind in cables):
+        arrays["strength"] = spread([kind.made_of.allowable or 0.0 for kind in cables])
     for array in arrays.values():
         array.flags.writeable = False
     return Net(**arrays, faces=faces, mouth=mouth)

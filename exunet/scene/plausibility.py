@@ -253,15 +253,10 @@ def _outside(key: str, words: str, value: float, bounds: tuple[float, float], un
 
 def materials(mission: _Mission) -> Iterator[Fault]:
     """Modulus, density, strength and thickness of each thread, and of the closing line."""
-    scene = mission.scene
-    cables: dict[str, tuple[Cable, float]] = {
-        "net.cable": (scene.net.cable, _shortest_side(mission.net, scene.net.divisions))
-    }
-    if isinstance(scene.net, ThrownNetConfig) and scene.net.strings is not None:
-        cables["net.strings"] = (scene.net.strings, scene.net.strings.length)
-    cables |= {f"tethers.{name}": (keys, keys.length) for name, keys in scene.tethers.items()}
+    scene, side = mission.scene, _shortest_side(mission.net, mission.scene.net.divisions)
     damping = getattr(scene.effects, "material_damping", None)
-    for key, (cable, length) in cables.items():
+    for key, cable in cables(scene).items():
+        length = float(getattr(cable, "length", side))
         yield from _outside(f"{key}.youngs_modulus", "modulus", cable.youngs_modulus, MODULUS, "Pa")
         yield from _outside(f"{key}.density", "density", cable.density, DENSITY, "kg/m3")
         diameter = math.sqrt(4.0 * cable.cross_section / math.pi)
@@ -299,6 +294,20 @@ def materials(mission: _Mission) -> Iterator[Fault]:
         if line.strength is not None:
             strain = line.strength / line.stiffness
             yield from _outside("closing.strength", "a strain at the strength", strain, STRAIN, "m/m")
+
+
+def cables(scene: Scene) -> dict[str, Cable]:
+    """Return the cables of a scene by their keys."""
+    found: dict[str, Cable | None] = {
+        f"net.{name}": getattr(scene.net, name, None) for name in ("cable", "border", "strings")
+    }
+    found |= {f"tethers.{name}": keys for name, keys in scene.tethers.items()}
+    return {key: cable for key, cable in found.items() if cable is not None}
+
+
+def cord_notes(scene: Scene) -> Iterator[str]:
+    """Yield a note for each cable with values that follow from its material, with their sources."""
+    yield from (f"{key}: {cable.assumed}" for key, cable in cables(scene).items() if cable.assumed)
 
 
 def _shortest_side(net: Net, divisions: int) -> float:

@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 
 from exunet.base.record import Record, config_of
 from exunet.net import TOPOLOGIES
-from exunet.net.base import ThrownNetConfig
+from exunet.net.base import Cable, ThrownNetConfig
 from exunet.scene.scene import Scene
 from exunet.scene.validation import alternatives, literals
 
@@ -90,6 +90,7 @@ def _keys(record: type[Record], path: tuple[str, ...], *, moving: bool = False) 
     moving : whether the net starts with a velocity, since its topology does not have a launch
     """
     needed = {name for name, field in record.model_fields.items() if field.is_required()}
+    needed |= {"density", "youngs_modulus"} if issubclass(record, Cable) else set()
     needed |= {"velocity"} if path == ("initial",) and moving else set()
     needed |= {*record.EXACTLY_ONE[:1], *(() if record.EXACTLY_ONE[:1] == ("body",) else _CHOSEN)}
     needed |= {*(_OF_PARTS if "parts" in path else ())}

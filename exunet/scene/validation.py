@@ -146,13 +146,15 @@ def validated(document: dict[str, Any]) -> tuple[Scene | None, list[Located]]:
     try:
         scene = Scene.model_validate(document)
     except ValidationError as error:
-        errors = [item for item in error.errors(include_url=False) if not _short_by_items(item)]
+        errors = [item for item in error.errors(include_url=False) if not _follows_from_another(item)]
         return None, [fault for entry in errors for fault in _explained(entry)]
     return scene, [(fault.paths, fault.reason) for fault in cross_checks(scene)]
 
 
-def _short_by_items(error: Any) -> bool:
-    """True for a list that is too short only because pydantic does not count the items that are not valid."""
+def _follows_from_another(error: Any) -> bool:
+    """True for a list that is short only by its items that are not valid, and a default that needs a key."""
+    if error["type"] == "default_factory_not_called":
+        return True
     return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
 
 

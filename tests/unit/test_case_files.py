@@ -406,7 +406,7 @@ def test_what_overrides_do_beside_what_they_state_is_a_warning(tmp_path: Path) -
         ("time.end=", "time.end: "),
         ("effects.gravity.g=1", "effects.gravity.acceleration: "),
         ("net.mesh=0.3", "net.mesh: "),
-        ("net.cable={}", "net.cable.density: "),
+        ("net.cable={}", "net.cable: "),
         ("time.edn=1", "time.edn: "),
         ("initial.velocity=1,2", "initial.velocity: "),
         ("initial.velocity=[1,2", ""),
