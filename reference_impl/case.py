@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -200,3 +201,4 @@ class Case:
     tethers: tuple[Tether, ...] = ()
     border: Cable | None = None  # of cut nets
     closing: ClosingLine | ClosingPerimeter | None = None
+    threads: Mapping[str, Cable] = field(default_factory=dict)  # named ones of explicit nets

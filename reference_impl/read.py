@@ -193,8 +193,8 @@ def check_numbers(case: Case) -> None:
         nodes = (*(line.ends or ()), *(() if isinstance(line.rings, str) else line.rings))
         named += [("closing", node) for node in nodes if isinstance(node, NetNode)]
     for path, node in named:
-        if listed and node.kind == "name":
-            raise unknown(f'{path}.node = "{node.number}"', "nodes of an explicit net have numbers")
+        if listed and node.kind == "name" and not bullets_of(case.shape):
+            raise unknown(f'{path}.node = "{node.number}"', "nodes of a net without corners have numbers")
         if not listed and node.kind == "node" and int(node.number) >= free:
             why = "of a woven net it knows bullets, names, and free ends of strings without bullets"
             raise unknown(f"{path}.node = {node.number}", why)
@@ -345,7 +345,7 @@ def read_document(
     # how exunet integrates, its random numbers, and what it derives from results
     root.ignore("solver", "engine", "seed", "capture")
     net = root.table("net")
-    shape, cable = read_shape(net), net.table("cable")
+    shape, cable, threads = read_shape(net, Path(folder)), net.table("cable"), net.tables("threads")
     strings, border, bullets = net.optional("strings"), net.optional("border"), net.optional("bullets")
     bodies, attachments = read_bodies(root.tables("bodies"), Path(folder))
     case = Case(
@@ -364,8 +364,9 @@ def read_document(
         read_tethers(root.tables("tethers")),
         None if border is None else read_cable(border),
         read_closing(root.optional("closing")),
+        {name: read_cable(thread) for name, thread in threads.items()},
     )
-    for table in (cable, strings, border, bullets, net, root):
+    for table in (*threads.values(), cable, strings, border, bullets, net, root):
         if table is not None:
             table.close()
     check_numbers(case)

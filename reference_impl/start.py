@@ -154,8 +154,7 @@ def _throw(case: Case, net: Net) -> Floats:
     throw = np.zeros_like(net.reference_position)
     if case.launch is not None:
         radial, axial = case.launch
-        bullets = outwards(net)[:, :2] * radial
-        throw[net.bullet_nodes] = np.column_stack((bullets, np.full(len(bullets), axial)))
+        throw[net.bullet_nodes] = outwards(net) * radial + np.array([0.0, 0.0, axial])
     throw[net.anchors.node] = 0.0
     return throw
 
@@ -231,8 +230,11 @@ def _spread(net: Net, listed: tuple[tuple[float, ...], ...]) -> Floats:
 
 
 def outwards(net: Net) -> Floats:
-    """Unit vectors (k, 3) from the origin to the bullets' reference positions, in the net's plane."""
-    return unit_outwards(net.reference_position[net.bullet_nodes])
+    """Unit vectors (k, 3) from the origin to the bullets' reference positions."""
+    place = net.reference_position[net.bullet_nodes]
+    if place[:, 2].any():  # an explicit net off the plane of the origin
+        return np.asarray(place / np.linalg.norm(place, axis=1)[:, None])
+    return unit_outwards(place)
 
 
 def unit_outwards(place: Floats) -> Floats:

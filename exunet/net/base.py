@@ -190,6 +190,11 @@ class NetConfig(Record, ABC):
     divisions: Count = Field(1, description="elements on each mesh side")
 
     @property
+    def has_mouth(self) -> bool:
+        """True if the topology has corners, which span a mouth."""
+        return False
+
+    @property
     @abstractmethod
     def n_sides(self) -> int:
         """Cable sides of the mesh, before division."""
@@ -215,6 +220,10 @@ class ThrownNetConfig(NetConfig, ABC):
 
     strings: Strings | None = Field(None, description="the strings between bullets and corners; absent: none")
     bullets: Bullets | None = Field(None, description="the bullets, one a corner; absent: none")
+
+    @property
+    def has_mouth(self) -> bool:
+        return True
 
     @property
     @abstractmethod

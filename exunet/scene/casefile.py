@@ -357,13 +357,22 @@ def _parse(text: str, path: Path) -> dict[str, Any]:
 
 def _place_files(document: dict[str, Any], folder: Path) -> None:
     """Let the names of files, meshes and a result to start from, be relative to the folder of the case."""
-    initial = document.get("initial")
-    if isinstance(initial, dict) and isinstance(initial.get("restart"), str) and initial["restart"]:
-        initial["restart"] = str(folder / initial["restart"])
     bodies = document.get("bodies")
-    for body in bodies.values() if isinstance(bodies, dict) else ():
-        if isinstance(body, dict) and isinstance(body.get("file"), str) and body["file"]:
-            body["file"] = str(folder / body["file"])
+    places = [(document.get("initial"), "restart"), *((document.get("net"), key) for key in FILES_OF_NET)]
+    places += [(body, "file") for body in bodies.values()] if isinstance(bodies, dict) else []
+    for table, key in places:
+        if isinstance(table, dict) and isinstance(table.get(key), str) and table[key]:
+            table[key] = str(folder / table[key])
+
+
+FILES_OF_NET = ("nodes_file", "elements_file")
+
+
+def files_of(scene: Scene) -> dict[str, str]:
+    """Return the files that a scene reads by their keys, but for a result that it starts from."""
+    found = {f"bodies.{name}.file": keys.file for name, keys in scene.bodies.items()}
+    found |= {f"net.{key}": getattr(scene.net, key, None) for key in FILES_OF_NET}
+    return {key: file for key, file in found.items() if file is not None}
 
 
 # Overrides

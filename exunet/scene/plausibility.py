@@ -102,7 +102,7 @@ class _Mission:
         on = switched_on(self.scene.effects)
         own = any(replaces_launch(EFFECTS[name]) for name in on)
         initial = self.scene.initial
-        listed = isinstance(self.scene.net, ExplicitNetConfig)
+        listed = not self.scene.net.has_mouth or initial.node_positions or initial.node_velocities
         return not (own or listed or initial.restart is not None or "gravity" in on)
 
     @cached_property
@@ -301,6 +301,7 @@ def cables(scene: Scene) -> dict[str, Cable]:
     found: dict[str, Cable | None] = {
         f"net.{name}": getattr(scene.net, name, None) for name in ("cable", "border", "strings")
     }
+    found |= {f"net.threads.{name}": cable for name, cable in getattr(scene.net, "threads", {}).items()}
     found |= {f"tethers.{name}": keys for name, keys in scene.tethers.items()}
     return {key: cable for key, cable in found.items() if cable is not None}
 
@@ -565,11 +566,12 @@ def lists(mission: _Mission) -> Iterator[Fault]:
     """Elements that are listed twice, and stored times after the end."""
     net, time, known = mission.scene.net, mission.scene.time, dict[frozenset[int], int]()
     if isinstance(net, ExplicitNetConfig):
-        pairs = enumerate(map(frozenset, net.elements))
+        pairs = enumerate(map(frozenset, net.listed.elements.tolist()))
         yield from shortened(
-            Fault(f"net.elements[{k}]", f"joins the same nodes as element {known[pair]}: both carry load")
+            Fault(f"net.{key}", f"{where}joins the same nodes as element {known[pair]}: both carry load")
             for k, pair in pairs
             if known.setdefault(pair, k) != k
+            for key, where in [net.place_of_element(k)]
         )
     if time.output_step is not None and not reached(time.end, time.output_step):
         words = f"{time.output_step:g} s is longer than the run, {time.end:g} s: two states are stored"

@@ -43,8 +43,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
     if scene.capture is not None:
         contact = getattr(scene.effects, "contact", None)
         touched = frozenset(() if contact is None else (*contact.threads, *contact.nodes))
-        mouth = scene.net.topology != "explicit"
-        found = capture.cross_checks(scene.capture, scene.bodies, touched, has_mouth=mouth)
+        found = capture.cross_checks(scene.capture, scene.bodies, touched, has_mouth=scene.net.has_mouth)
         yield from within("capture", found)
     yield from _script(scene)
 
@@ -79,7 +78,9 @@ def _initial(scene: Scene) -> Iterator[Fault]:
             continue
         if not isinstance(scene.net, explicit.ExplicitNetConfig):
             yield Fault(f"initial.{name}", f'is for net.topology = "explicit", not "{scene.net.topology}"')
-        elif reason := other_length(values, scene.net.nodes):
+        elif scene.net.is_given("strings"):
+            yield Fault(f"initial.{name}", "excludes net.strings, whose bullets are not listed")
+        elif reason := other_length(values, scene.net.listed.nodes):
             yield Fault(f"initial.{name}", reason)
     if initial.restart is not None:
         words = "excludes initial.restart, whose state has positions and velocities: remove one"

@@ -649,14 +649,10 @@ def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str,
     """
     scene = switched(
         topology,
-        lambda name: (
-            not name.startswith("effects.")
-            and name not in ("initial.fold", "capture")
-            and (topology != "explicit" or not name.startswith(("launch", "control")))
-        ),
+        lambda name: not name.startswith("effects.") and name not in ("initial.fold", "capture"),
         tmp_path / "template.toml",
     )
-    assert (scene.launch is not None) == (topology != "explicit")
+    assert scene.launch is not None
 
 
 def test_the_template_with_a_capture_is_a_valid_case(tmp_path: Path) -> None:
