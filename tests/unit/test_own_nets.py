@@ -15,6 +15,7 @@ from exunet.net import weave
 from exunet.net.explicit import ExplicitNetConfig
 from exunet.net.square import SquareNetConfig, mesh
 from exunet.studies.both_codes import read_both
+from exunet.verification.cross_code import compared, motion
 
 CABLE = {"diameter": 1e-3, "density": 1000.0, "youngs_modulus": 1e9}
 SIZE, MESHES = 4.0, 6
@@ -190,3 +191,24 @@ def test_both_codes_have_the_same_net_and_start() -> None:
         np.testing.assert_allclose(getattr(theirs, name)[elements], getattr(ours, name), rtol=1e-12)
     np.testing.assert_array_equal(nodes[ours.bullet_nodes], theirs.numbered_bullets)
     np.testing.assert_allclose(both.theirs.v0[nodes], both.start.velocity, atol=1e-12)
+
+
+def test_laws_of_threads_and_tilts_agree_in_both_codes(tmp_path: Path) -> None:
+    """Elements keep their laws in the order of the file; bullets above the plane tilt about level axes."""
+    (tmp_path / "nodes.csv").write_text("x,y,z\n-1,-1,0.3\n1,-1,0.3\n1,1,0.3\n-1,1,0.3\n")
+    (tmp_path / "elements.csv").write_text("i,j,thread\n0,1,edge\n0,2,\n1,2,edge\n2,3,edge\n3,0,hooke\n")
+    table = 'law = "table"\ntable = [[0.0, 0.0], [0.01, 100.0], [0.05, 900.0]]\n'
+    tilts = "[[0.1, 0.05], [0.0, 0.1], [0.1, 0.0], [-0.1, 0.2]]"
+    path = tmp_path / "case.toml"
+    path.write_text(
+        CASE.replace("0.7 }", f"0.7, tilts = {tilts} }}")
+        + OWN.replace(str(CORNERS), "[0, 1, 2, 3]")
+        + f"divisions = 2\n[net.threads.edge]\ndiameter = 2e-3\ndensity = 970.0\n{table}"
+        + '[net.threads.hooke]\ndiameter = 1e-3\nmaterial = "nylon"\nlaw = "hooke"\n'
+        + f'[net.strings]\ndiameter = 1e-3\nmaterial = "vectran"\nlength = 1.5\n{table}'
+    )
+    both = read_both(path)
+    assert both.start.net.law_number.tolist() == [2, 2, 0, 0, 2, 2, 2, 2, 1, 1] + [5] * 4
+    np.testing.assert_allclose(both.theirs.v0[both.reference_nodes], both.start.velocity, atol=1e-14)
+    for check in compared(motion(both, compiled=True), 5):
+        assert check.holds, check
