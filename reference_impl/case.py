@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -216,3 +217,4 @@ class Case:
     border: Cable | None = None  # of cut nets
     closing: ClosingLine | ClosingPerimeter | None = None
     thrusters: tuple[tuple[str, Thruster], ...] = ()  # with the names of their bodies
+    threads: Mapping[str, Cable] = field(default_factory=dict)  # named ones of explicit nets

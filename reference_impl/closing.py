@@ -32,13 +32,13 @@ from reference_impl.reels import LOCKED, Drive, Outlets, shorten
 def around(place: Floats, sides: Ints, first: int) -> tuple[Ints, Ints]:
     """Nodes (q,) of the edge, anticlockwise from the corner `first`, and the sides (q,) that follow each.
 
-    place (n, 2 or 3) [m] in the plane of the net, about its centre; sides (s, 2).
+    place (n, 2 or 3) [m] in the plane of the net; sides (s, 2).
     """
     beside: dict[int, list[tuple[int, int]]] = {}
     for side, (i, j) in enumerate(sides.tolist()):
         beside.setdefault(i, []).append((j, side))
         beside.setdefault(j, []).append((i, side))
-    here, back = first, place[first, :2]  # as if one came from outside
+    here, back = first, place[first, :2] - place[np.unique(sides), :2].mean(axis=0)  # as from outside
     nodes, passed = [first], []
     while True:
         angles = [_turn(back, place[there, :2] - place[here, :2]) for there, _ in beside[here]]

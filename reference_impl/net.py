@@ -42,7 +42,7 @@ class Net:
     tether: Ints  # (m,) number of the tether that an element is of, -1 for cables and strings
     woven: int  # how many of the nodes are the net's own; those of tethers follow
     numbered_nodes: Ints  # the nodes that the case format numbers, in its order (`weave`)
-    corners: Ints  # of the mouth, the first one first; empty for an explicit net
+    corners: Ints  # of the mouth, the first one first; empty without a mouth
     anchors: Anchors  # nodes that are points of bodies, which are numbered as `Case.bodies` lists them
     law: Ints  # (m,) which of `curves` the tension of an element follows, -1: eq. (8)
     curves: tuple[Floats, ...]  # points (q, 2): strain (stretch less 1), tension over E A

@@ -36,6 +36,7 @@ from reference_impl.case import (
     Tether,
     Winch,
 )
+from reference_impl.cords import properties
 from reference_impl.effects import read_effects
 from reference_impl.mesh_files import triangles
 from reference_impl.solids import Solid, enclosed
@@ -59,19 +60,20 @@ _MODES = ("lock", "brake", "rate", "tension")
 
 
 def read_cable(table: Table) -> Cable:
-    """Area [m2] (from diameter or area), density and modulus of a cable."""
+    """Area [m2] (from diameter or area), density and modulus of a cable, given or those of its cord."""
     if "diameter" in table:
         area = math.pi / 4.0 * table.need("diameter", number) ** 2
     else:
         area = table.need("area", number)
-    table.ignore("strength")  # nothing depends on it here
-    density, law = table.need("density", number), "green_lagrange"
-    if "law" in table:
-        law = table.choice("law", "green_lagrange", "hooke", "table")
+    cord = properties(table)
+    law = table.choice("law", "green_lagrange", "hooke", "table") if "law" in table else "green_lagrange"
+    density = table.get("density", number, cord[0]) if cord else table.need("density", number)
     if law != "table":
         hooke = ((0.0, 0.0), (10.0, 10.0))  # N = E A (stretch - 1)
         points = hooke if law == "hooke" else ()
-        return Cable(area, density, table.need("youngs_modulus", number), points)
+        key = "youngs_modulus"
+        modulus = table.get(key, number, cord[1]) if cord else table.need(key, number)
+        return Cable(area, density, modulus, points)
     rows = table.need("table", list_of(list_of(number, 2)))
     stiffness = rows[1][1] / rows[1][0]
     return Cable(area, density, stiffness / area, tuple((row[0], row[1] / stiffness) for row in rows))
@@ -202,8 +204,8 @@ def check_numbers(case: Case) -> None:
         nodes = (*(line.ends or ()), *(() if isinstance(line.rings, str) else line.rings))
         named += [("closing", node) for node in nodes if isinstance(node, NetNode)]
     for path, node in named:
-        if listed and node.kind == "name":
-            raise unknown(f'{path}.node = "{node.number}"', "nodes of an explicit net have numbers")
+        if listed and node.kind == "name" and not bullets_of(case.shape):
+            raise unknown(f'{path}.node = "{node.number}"', "nodes of a net without corners have numbers")
         if not listed and node.kind == "node" and int(node.number) >= free:
             why = "of a woven net it knows bullets, names, and free ends of strings without bullets"
             raise unknown(f"{path}.node = {node.number}", why)
@@ -365,7 +367,7 @@ def read_document(
     # how exunet integrates, its random numbers, and what it derives from results
     root.ignore("solver", "engine", "seed", "capture")
     net = root.table("net")
-    shape, cable = read_shape(net), net.table("cable")
+    shape, cable, threads = read_shape(net, Path(folder)), net.table("cable"), net.tables("threads")
     strings, border, bullets = net.optional("strings"), net.optional("border"), net.optional("bullets")
     bodies, attachments, thrusters = read_bodies(root.tables("bodies"), Path(folder))
     case = Case(
@@ -385,8 +387,9 @@ def read_document(
         None if border is None else read_cable(border),
         read_closing(root.optional("closing")),
         thrusters,
+        {name: read_cable(thread) for name, thread in threads.items()},
     )
-    for table in (cable, strings, border, bullets, net, root):
+    for table in (*threads.values(), cable, strings, border, bullets, net, root):
         if table is not None:
             table.close()
     check_numbers(case)

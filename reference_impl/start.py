@@ -153,10 +153,8 @@ def _throw(case: Case, net: Net) -> Floats:
     """What `[launch]` adds to the velocities (n, 3) [m/s], of bullets; nothing to points of bodies."""
     throw = np.zeros_like(net.reference_position)
     if case.launch is not None:
-        outward = unit_outwards(net.reference_position[net.numbered_bullets])
-        bullets = np.column_stack(
-            (outward[:, :2] * case.launch.radial, np.full(len(outward), case.launch.axial))
-        )
+        outward = outwards(net.reference_position[net.numbered_bullets])
+        bullets = outward * case.launch.radial + np.array([0.0, 0.0, case.launch.axial])
         if case.launch.tilts is not None:
             bullets = _tilted(bullets, outward, np.array(case.launch.tilts))
         if case.launch.factors is not None:
@@ -170,6 +168,7 @@ def _tilted(velocity: Floats, outward: Floats, tilt: Floats) -> Floats:
     """Velocities (k, 3) turned by tilts (k, 2) [rad]: about z x o, then about what is across both."""
     still = np.tile(np.eye(3), (len(velocity), 1, 1))
     aside = np.cross([0.0, 0.0, 1.0], outward)
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
     for axis in (0, 1):
         if axis:
             size = np.linalg.norm(velocity, axis=1, keepdims=True)
@@ -248,9 +247,11 @@ def _spread(net: Net, listed: tuple[tuple[float, ...], ...]) -> Floats:
     return between(np.array(listed, dtype=float), net.parents[: net.woven], net.shares[: net.woven])
 
 
-def outwards(net: Net) -> Floats:
-    """Unit vectors (k, 3) from the origin to the bullets' reference positions, in the net's plane."""
-    return unit_outwards(net.reference_position[net.bullet_nodes])
+def outwards(place: Floats) -> Floats:
+    """Unit vectors (k, 3) from the origin to the reference positions of bullets (k, 3)."""
+    if place[:, 2].any():  # an explicit net off the plane of the origin
+        return np.asarray(place / np.linalg.norm(place, axis=1)[:, None])
+    return unit_outwards(place)
 
 
 def unit_outwards(place: Floats) -> Floats:
@@ -271,7 +272,8 @@ def unit_outwards(place: Floats) -> Floats:
 
 def spread(net: Net, angle: float) -> Floats:
     """Unit vectors (k, 3) at an angle [rad] from +z, leaning outwards: sin outwards, cos along +z."""
-    return np.asarray(math.sin(angle) * outwards(net) + math.cos(angle) * np.array([0.0, 0.0, 1.0]))
+    outward = outwards(net.reference_position[net.bullet_nodes])
+    return np.asarray(math.sin(angle) * outward + math.cos(angle) * np.array([0.0, 0.0, 1.0]))
 
 
 def with_places(case: Case, reference_position: Floats, place: Floats) -> Case:

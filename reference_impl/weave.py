@@ -171,8 +171,7 @@ class _Family:
 def _woven(case: Case) -> Net:
     """The net without tethers."""
     if isinstance(case.shape, Explicit):
-        knots, sides, length = _listed(case.shape)
-        return _finish(case, knots, [_Family(sides, length, case.cable, case.divisions)], *2 * [sides[:0, 0]])
+        return _finish(case, *_listed(case, case.shape))
     laid = _lay(case)
     parts = [(laid.mesh, case.cable, case.divisions)]
     if laid.border is not None and case.border is not None:
@@ -298,11 +297,25 @@ def _numbered_nodes(case: Case, points: Floats, tips: Ints) -> Ints:
     return _numbered(case, points, tips)
 
 
-def _listed(shape: Explicit) -> tuple[Floats, Ints, Floats]:
-    """Nodes, sides and lengths of an explicit net, as listed: nothing is merged."""
+def _listed(case: Case, shape: Explicit) -> tuple[Floats, list[_Family], Ints, Ints]:
+    """Knots as listed, bullets on strings after them; sides thread by thread; tips of strings; corners."""
     knots = np.array(shape.nodes, dtype=float).reshape(-1, 3)
     sides = np.array(shape.elements, dtype=np.intp).reshape(-1, 2)
-    return knots, sides, np.linalg.norm(knots[sides[:, 1]] - knots[sides[:, 0]], axis=1)
+    length = np.linalg.norm(knots[sides[:, 1]] - knots[sides[:, 0]], axis=1)
+    named = np.array(shape.threads or [""] * len(sides))
+    families = [
+        _Family(sides[named == name], length[named == name], cable, case.divisions)
+        for name, cable in {"": case.cable, **case.threads}.items()
+    ]
+    corners = tips = np.array(shape.corners, dtype=np.intp)
+    if case.strings is not None:
+        reach, tips = case.strings.length, len(knots) + np.arange(len(corners))
+        away = knots[corners]
+        knots = np.concatenate((knots, away + reach * away / np.linalg.norm(away, axis=1)[:, None]))
+        ties = np.column_stack((corners, tips))
+        lengths = np.full(len(ties), reach)
+        families.append(_Family(ties, lengths, case.strings.cable, case.strings.divisions, strings=True))
+    return knots, families, tips, corners
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ _KINDS = {
 
 def explained(error: ValidationError, record: type[BaseModel]) -> list[Located]:
     """Return every fault that a validation of a record found, with keys relative to the record."""
-    items = [item for item in error.errors(include_url=False) if not _short_by_items(item)]
+    items = [item for item in error.errors(include_url=False) if not _follows_from_another(item)]
     return [fault for item in items for fault in _explained(item, record)]
 
 
@@ -47,8 +47,10 @@ def validated_record(
         return None, explained(error, kind)
 
 
-def _short_by_items(error: Any) -> bool:
-    """True for a list that is too short only because pydantic does not count the items that are not valid."""
+def _follows_from_another(error: Any) -> bool:
+    """True for a list that is short only by its items that are not valid, and a default that needs a key."""
+    if error["type"] == "default_factory_not_called":
+        return True
     return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
 
 

@@ -28,6 +28,7 @@ from exunet.cli.output import (
     Overwrite,
     Quiet,
     ResultPath,
+    as_case,
     as_options,
     as_path,
     ensemble_option,
@@ -202,6 +203,39 @@ def resume_command(
         raise stopped
 
 
+@app.command("cases")
+def cases_command() -> None:
+    """List the shipped cases, which commands find by these names."""
+    from exunet.base.cases import first_lines
+    from exunet.cli.output import print_table
+
+    print_table("Shipped cases", list(first_lines()))
+
+
+@app.command("new")
+def new_command(
+    kind: Annotated[str, typer.Argument(help="deployment or capture", metavar="KIND")],
+    target: Annotated[
+        Path | None,
+        typer.Argument(
+            help="mesh of the target of a capture, STL, OBJ or GLB (default: a box of 1 m)",
+            metavar="[TARGET]",
+            parser=as_path,
+        ),
+    ] = None,
+    unit: Annotated[str, typer.Option(help="unit of the mesh: m, cm, mm or inch", metavar="UNIT")] = "m",
+    out: Annotated[Path | None, file_option("KIND.toml")] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a commented case that runs, scaled to its target.
+
+    A capture begins with an open net in front of the target; nothing closes it yet.
+    """
+    from exunet.cli.new import new_case
+
+    typer.echo(new_case(kind, target, unit, out or Path(f"{kind}.toml"), overwrite=overwrite))
+
+
 @app.command("check")
 def check_command(
     case: CasePath,
@@ -290,7 +324,7 @@ def schema_command(
 def verify_command(
     cases: Annotated[
         list[Path] | None,
-        typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=as_path),
+        typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=as_case),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="random states and short answers only")] = False,
     hard: Annotated[

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self
 
 import typer
 
+from exunet.base.cases import found
 from exunet.base.errors import InputError
 from exunet.methods.method import Backend
 
@@ -204,6 +205,11 @@ def as_path(text: str | Path) -> Path:
     return Path(text)
 
 
+def as_case(text: str | Path) -> Path:
+    """Return the path of a case, which may be the name of a shipped case."""
+    return found(as_path(text))
+
+
 def _enough(runs: int | None) -> int | None:
     if runs and not MIN_RUNS <= runs <= MAX_RUNS:
         raise typer.BadParameter(f"must be 0, or from {MIN_RUNS} to {MAX_RUNS}, got {runs}")
@@ -258,7 +264,9 @@ def as_options(*names: str) -> Iterator[None]:
         raise InputError(f"{options}{colon}{words}") from None
 
 
-CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", parser=as_path)]
+CasePath = Annotated[
+    Path, typer.Argument(help="case file (TOML) or shipped case", metavar="CASE", parser=as_case)
+]
 Overrides = Annotated[
     list[str],
     typer.Option(

@@ -107,8 +107,7 @@ def along_tethers(net: Net, reels: tuple[Reel, ...], position: Floats, velocity:
 def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.ExplicitNetConfig) -> Floats:
     """Return values of listed nodes and, interpolated, of the inner nodes of divided elements."""
     values = np.array(listed, dtype=float)
-    ends: Ints = np.array(keys.elements, dtype=np.int64).reshape(-1, 2)
-    return np.concatenate([values, between(values, ends, keys.divisions)])
+    return np.concatenate([values, between(values, keys.listed.elements, keys.divisions)])
 
 
 def common_velocity(initial: Initial, position: Floats) -> Floats:

@@ -44,6 +44,8 @@ class Mesh:
     node_mass  : (n_knots,) mass added to the knots [kg]; None: nothing
     fixed      : knots that are held still
     n_border   : how many of the sides, the last ones, are of the border thread that the topology has
+    threads    : (n_sides,) which cable each side has, of those of the topology; None: all have the first
+    knots_first : whether bullets on strings are numbered after the knots
     """
 
     knots: Floats
@@ -54,6 +56,8 @@ class Mesh:
     node_mass: Floats | None = None
     fixed: Ints = field(default_factory=_no_indexes)
     n_border: int = 0
+    threads: Ints | None = None
+    knots_first: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,8 @@ class Net(ShortRepr):
     """A cable net in its reference configuration, ready for either engine. The arrays are read-only.
 
     Nodes come in the order bullets (or free string ends), knots, inner nodes of divided sides, inner nodes
-    of divided strings; without strings a bullet is its corner knot. Elements of the sides come before those
+    of divided strings; without strings a bullet is its corner knot. In explicit nets bullets follow the
+    knots. Elements of the sides come before those
     of the strings, those of a border last among them; the elements of one side or string follow each other.
 
     reference_position : (n_nodes, 3) [m], undeformed
@@ -93,8 +98,9 @@ class Net(ShortRepr):
     rim                : loop of all nodes along the edge of the meshes from corner to corner of the mouth,
                          inner nodes of sides too; the corners alone where no edge goes through them all
     tethers            : cables beside the net: their own nodes and elements are the last ones
-    strength           : (n_elements,) axial force that each element is said to bear, or at which it breaks
-                         [N]; 0: not known. None: of no element
+    strength           : (n_elements,) axial force that each element is said to bear (its strength x
+                         knot_efficiency / safety_factor), or at which it breaks [N]; 0: not known. None: of
+                         no element
     law_number         : (n_elements,) number of each element's law, see `exunet.forces.law`; None: 0
     law_table          : (n_rows, 4) rows of the tables of laws
     knots              : (n_knots,) nodes at the ends of mesh sides, which names refer to: divisions do not

@@ -9,13 +9,14 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
 
 from exunet.base.arguments import shown
 from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
 from exunet.base.record import Count, FromArray, Number, Positive, Record
 from exunet.net.arrays import NO_TABLE, NODE_NAME, Net
+from exunet.net.cords import CONSTRUCTIONS, FIBRES, ConstructionName, FibreName, circle, cord
 
 MAX_ELEMENTS = 1_000_000
 WHOLE = 1e-9  # how near size / mesh must be to a whole number
@@ -75,10 +76,6 @@ class Cable(Record):
     area: Positive | None = Field(
         None, description="area of the cross section [m2], instead of diameter", examples=[3.14e-6]
     )
-    density: Positive = Field(description="mass density [kg/m3]", examples=[1390.0])
-    youngs_modulus: Positive | None = Field(
-        None, description="Young's modulus E [Pa]; required but with a table", examples=[70e9]
-    )
     law: Literal["green_lagrange", "hooke", "table"] = Field(
         "green_lagrange",
         description="tension in terms of the stretch s: E A (s^3 - s) / 2, as in the paper; E A (s - 1); "
@@ -91,20 +88,56 @@ class Cable(Record):
         "first slope stands for E A, and the run stops where a strain exceeds its last",
         examples=[[[0.0, 0.0], [0.01, 100.0], [0.05, 900.0]]],
     )
-    strength: Positive | None = Field(
+    material: FibreName | None = Field(
         None,
+        description="fibre or wire, from which density, youngs_modulus and strength follow where absent",
+        examples=["dyneema_sk75"],
+    )
+    construction: ConstructionName = Field(
+        "monofilament", description="with material: how much fibre fills the circle, and its factors"
+    )
+    density: Positive = Field(
+        default_factory=lambda given: _density_of_cord(given),
+        description="mass density [kg/m3]; required without material",
+        examples=[1390.0],
+    )
+    youngs_modulus: Positive | None = Field(
+        default_factory=lambda given: _modulus_of_cord(given),
+        description="Young's modulus E [Pa]; required without material or a table",
+        examples=[70e9],
+    )
+    strength: Positive | None = Field(
+        default_factory=lambda given: _strength_of_cord(given),
         description="specified axial strength [N], against which margins are reported; nothing breaks at it",
         examples=[400.0],
     )
+    knot_efficiency: float = Field(
+        1.0, gt=0.0, le=1.0, description="part of the strength that knots leave, for margins"
+    )
+    safety_factor: float = Field(1.0, ge=1.0, description="by which loads are multiplied, for margins")
 
     @property
     def cross_section(self) -> float:
         """Area A of the cross section [m2]."""
-        return (
-            self.area
-            if self.area is not None
-            else math.pi / 4 * (self.diameter or 0.0) * (self.diameter or 0.0)
-        )
+        return self.area if self.area is not None else circle(self.diameter or 0.0)
+
+    @property
+    def allowable(self) -> float | None:
+        """Largest load [N] with a margin of at least zero: strength x knot efficiency / safety factor."""
+        return None if self.strength is None else self.strength * self.knot_efficiency / self.safety_factor
+
+    @property
+    def assumed(self) -> str:
+        """Values that follow from the material, with their sources; "" without."""
+        names = [name for name in _UNITS if not self.is_given(name)] if self.material else []
+        found = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if not found or self.material is None:
+            return ""
+        values = ", ".join(f"{name} = {value:.4g} {_UNITS[name]}" for name, value in found.items())
+        kept = CONSTRUCTIONS[self.construction]
+        how = f"{self.construction} (factors of area, modulus, strength {kept.fill:g}, {kept.modulus:g}, "
+        how += f"{kept.strength:g}: {kept.source})"
+        return f"{values} assumed from {self.material} ({FIBRES[self.material].source}), {how}"
 
     @property
     def modulus(self) -> float:
@@ -117,7 +150,16 @@ class Cable(Record):
 
     def faults(self) -> Iterator[Fault]:
         """Require a mass per length and an axial stiffness that are positive floating-point numbers."""
-        faults = [*self._law_faults()]
+        missing = {"density": math.isnan(self.density)}
+        missing["youngs_modulus"] = self.youngs_modulus is None and self.law != "table"
+        about = {name: type(self).model_fields[name].description for name in missing if missing[name]}
+        faults = [*(Fault(name, f"missing: {words}") for name, words in about.items()), *self._law_faults()]
+        if self.material is None and "construction" in self.model_fields_set:
+            faults.append(Fault("construction", "requires material, whose values it scales"))
+        for name in ("knot_efficiency", "safety_factor"):
+            if name in self.model_fields_set and self.strength is None:
+                words = "requires strength or material: it changes the margin to a strength"
+                faults.append(Fault(name, words))
         yield from faults
         if faults or self.is_given("diameter") == self.is_given("area"):
             return
@@ -126,11 +168,17 @@ class Cable(Record):
                 yield Fault("", f"its {words}, {product:g}, is outside the range of floating-point numbers")
                 return
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
+        needed = [["material"], ["density", "youngs_modulus"], ["density", "table"]]
+        handler.resolve_ref_schema(schema)["anyOf"] = [{"required": names} for names in needed]
+        return schema
+
     def _law_faults(self) -> Iterator[Fault]:
         by_table = self.law == "table"
-        if self.is_given("youngs_modulus") == by_table:
-            words = "excluded by a table, whose first line has it" if by_table else "missing: required"
-            yield Fault("youngs_modulus", words)
+        if by_table and self.is_given("youngs_modulus"):
+            yield Fault("youngs_modulus", "excluded by a table, whose first line has it")
         if (self.table is not None) != by_table:
             yield Fault("table", 'requires law = "table"' if self.table else 'required by law = "table"')
         if self.table is None:
@@ -162,6 +210,27 @@ def laws_of(cables: Iterable[Cable], before: Floats = NO_TABLE) -> tuple[list[in
         if points:
             rows.append([points[-1][0], points[-1][1] / stiffness, slope, held])
     return numbers, np.array(rows).reshape(-1, 4)
+
+
+_UNITS = {"density": "kg/m3", "youngs_modulus": "Pa", "strength": "N"}  # of what follows from a material
+
+
+def _density_of_cord(given: dict[str, Any]) -> float:
+    """Return the density of the cord of a cable [kg/m3]; NaN without a material."""
+    made = cord(given["material"], given["construction"])
+    return math.nan if made is None else made.density
+
+
+def _modulus_of_cord(given: dict[str, Any]) -> float | None:
+    """Return the modulus of the cord of a cable [Pa]; None without a material and with a table."""
+    made = cord(given["material"], given["construction"])
+    return None if made is None or given["law"] == "table" else made.youngs_modulus
+
+
+def _strength_of_cord(given: dict[str, Any]) -> float | None:
+    """Return the strength of a cable [N] from its material; None without one."""
+    made, area = cord(given["material"], given["construction"]), given["area"]
+    return None if made is None else made.strength * (area or circle(given["diameter"] or 0.0))
 
 
 class Strings(Cable):
@@ -201,6 +270,11 @@ class NetConfig(Record, ABC):
         return f"nets of topology {', '.join(topologies)}" if kinds else ""
 
     @property
+    def has_mouth(self) -> bool:
+        """True if the topology has corners, which span a mouth."""
+        return False
+
+    @property
     @abstractmethod
     def n_sides(self) -> int:
         """Cable sides of the mesh, before division."""
@@ -226,6 +300,10 @@ class ThrownNetConfig(NetConfig, ABC):
 
     strings: Strings | None = Field(None, description="the strings between bullets and corners; absent: none")
     bullets: Bullets | None = Field(None, description="the bullets, one a corner; absent: none")
+
+    @property
+    def has_mouth(self) -> bool:
+        return True
 
     @property
     @abstractmethod

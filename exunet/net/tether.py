@@ -330,10 +330,10 @@ def _with_one(net: Net, name: str, keys: TetherConfig, tied: list[TiedPoint]) ->
 
 def _strength(net: Net, keys: TetherConfig) -> dict[str, Floats]:
     """That of all elements, if any is known."""
-    if net.strength is None and keys.strength is None:
+    if net.strength is None and keys.allowable is None:
         return {}
     before = np.zeros(net.n_elements) if net.strength is None else net.strength
-    return {"strength": _appended(before, keys.strength or 0.0, keys.divisions)}
+    return {"strength": _appended(before, keys.allowable or 0.0, keys.divisions)}
 
 
 def _law(net: Net, keys: TetherConfig) -> dict[str, Any]:

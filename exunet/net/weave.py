@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,6 +19,40 @@ def openings(knots: Floats, sides: Ints) -> tuple[Ints, ...]:
 
     knots : (n_knots, 2) in a plane [m]; sides : (n_sides, 2), which meet at knots only; all are connected
     """
+    return _by_length(_loops(knots, sides), knots)
+
+
+def planar_openings(knots: Floats, sides: Ints) -> tuple[Ints, ...]:
+    """Loops round the meshes of a planar net as seen from +z, as of `openings`; () of other nets.
+
+    A net is planar if its knots (n_knots, 3) [m] lie in a plane that is not vertical, its sides are connected
+    and meet at knots only. Loops begin at their least knot, and are in the order of these.
+    """
+    used = np.unique(sides)
+    if not len(used):
+        return ()
+    flat = knots[used] - knots[used].mean(axis=0)
+    size = float(np.ptp(flat, axis=0).max())
+    normal = np.linalg.svd(flat, full_matrices=True)[2][2]
+    edges = scipy.sparse.coo_array((np.ones(len(sides)), tuple(sides.T)), shape=(len(knots), len(knots)))
+    parts = scipy.sparse.csgraph.connected_components(edges, directed=False)[1][used]
+    if np.abs(flat @ normal).max() > _FLAT * size or abs(normal[2]) < _FLAT or np.ptp(parts):
+        return ()
+    pieces = knots[sides]
+    for a, b in _neighbours(pieces, _FLAT * size):
+        apart = (sides[a][:, :, None] != sides[b][:, None, :]).all(axis=(1, 2))
+        if (between_segments(pieces[a[apart]], pieces[b[apart]]) <= _FLAT * size).any():
+            return ()
+    found = _by_length(_loops(knots[:, :2], sides), knots)
+    turned = [
+        np.take_along_axis(loops, (loops.argmin(1)[:, None] + np.arange(n := loops.shape[1])) % n, axis=1)
+        for loops in found
+    ]
+    return tuple(loops[np.lexsort(loops.T[::-1])] for loops in turned)
+
+
+def _loops(knots: Floats, sides: Ints) -> list[list[int]]:
+    """Loops of knots with an opening, or all that is outside, to the left."""
     ends = np.concatenate([sides, sides[:, ::-1]])  # each side, one way and the other
     way = knots[ends[:, 1]] - knots[ends[:, 0]]
     order = np.lexsort((np.arctan2(way[:, 1], way[:, 0]), ends[:, 0]))  # round each knot, anticlockwise
@@ -30,7 +64,7 @@ def openings(knots: Floats, sides: Ints) -> tuple[Ints, ...]:
     at = place[back]
     here = ends[:, 1]
     onward = order[np.where(at == starts[here], starts[here + 1], at) - 1]
-    return _by_length(_cycles(onward.tolist(), ends[:, 0].tolist()), knots)
+    return _cycles(onward.tolist(), ends[:, 0].tolist())
 
 
 def _cycles(onward: list[int], knot: list[int]) -> list[list[int]]:
@@ -64,6 +98,7 @@ def _by_length(loops: list[list[int]], knots: Floats) -> tuple[Ints, ...]:
     return tuple(found)
 
 
+_FLAT = 1e-9  # of the size of a net: what is nearer to a plane, or to a side, than this lies in it
 _GUIDE = "see docs/extending.md, A topology"
 
 
@@ -217,15 +252,15 @@ def net_of(mesh: Mesh, keys: NetConfig) -> Net:
     refuse_unsound(mesh, keys.topology)
     strings, bullets = _thrown(keys)
     string_ends, end_position = _string_ends(mesh, strings)
-    shift = len(end_position)  # bullets come first
-    ends = np.concatenate([end_position, mesh.knots])
+    shift = 0 if mesh.knots_first else len(end_position)  # else bullets come first
+    ends = np.concatenate([mesh.knots, end_position] if mesh.knots_first else [end_position, mesh.knots])
 
     sides = mesh.sides + shift
     span = ends[sides[:, 1]] - ends[sides[:, 0]]
     with np.errstate(over="ignore"):
         side_length = np.linalg.norm(span, axis=1)
     side_chains = _chains(sides, keys.divisions, len(ends))
-    cables = _of_sides(side_chains, side_length / keys.divisions, mesh, keys)
+    cables, order = _of_sides(side_chains, side_length / keys.divisions, mesh, keys)
     inner = [between(ends, sides, keys.divisions)]
     if strings:
         string_length = np.full(len(string_ends), strings.length / strings.divisions)
@@ -243,6 +278,7 @@ def net_of(mesh: Mesh, keys: NetConfig) -> Net:
     _refuse_overflow(mass, position)
     return _net(
         cables,
+        order=order,
         reference_position=position,
         mass=mass,
         bullet_nodes=bullet_nodes,
@@ -253,16 +289,22 @@ def net_of(mesh: Mesh, keys: NetConfig) -> Net:
     )
 
 
-def _of_sides(chains: Ints, length: Floats, mesh: Mesh, keys: NetConfig) -> list[_Cables]:
-    """The cables of the mesh and, if the topology has one, the border."""
+def _of_sides(chains: Ints, length: Floats, mesh: Mesh, keys: NetConfig) -> tuple[list[_Cables], Ints | None]:
+    """The cables of the mesh, in groups of one cable: threads or, if the topology has one, the border.
+
+    And the place of each side in the order of the groups; None: they are in order.
+    """
+    if mesh.threads is not None:
+        made_of: Sequence[Cable] = getattr(keys, "thread_cables")()  # noqa: B009 - of the topology that has them
+        groups = [(cable, np.flatnonzero(mesh.threads == k)) for k, cable in enumerate(made_of)]
+        cables = [_Cables(chains[own], length[own], cable, False) for cable, own in groups]
+        return cables, np.argsort(np.concatenate([own for _, own in groups]))
     if not mesh.n_border:
-        return [_Cables(chains, length, keys.cable, False)]
+        return [_Cables(chains, length, keys.cable, False)], None
     inside = len(chains) - mesh.n_border
     border: Cable = getattr(keys, "border")  # noqa: B009 - of the topologies that have one
-    return [
-        _Cables(chains[:inside], length[:inside], keys.cable, False),
-        _Cables(chains[inside:], length[inside:], border, False),
-    ]
+    inner = _Cables(chains[:inside], length[:inside], keys.cable, False)
+    return [inner, _Cables(chains[inside:], length[inside:], border, False)], None
 
 
 def between(values: Floats, ends: Ints, divisions: int) -> Floats:
@@ -295,13 +337,15 @@ def _string_ends(mesh: Mesh, strings: Strings | None) -> tuple[Ints, Floats]:
     height = np.sqrt((strings.length - half_span) * (strings.length + half_span))
     position = middle * (1 + height / distance)[:, None]
     bullets = np.repeat(np.arange(n_bullets), n_strings)
-    return np.stack([bullets, mesh.anchors.ravel() + n_bullets], axis=1), position
+    first, shift = (len(mesh.knots), 0) if mesh.knots_first else (0, n_bullets)
+    return np.stack([bullets + first, mesh.anchors.ravel() + shift], axis=1), position
 
 
 def _bullet_nodes(mesh: Mesh, strings: Strings | None, bullets: Bullets | None) -> Ints:
     if bullets is None:
         return np.empty(0, dtype=np.int64)
-    return np.arange(len(mesh.anchors)) if strings else mesh.anchors[:, 0].copy()
+    first = len(mesh.knots) if mesh.knots_first else 0
+    return first + np.arange(len(mesh.anchors)) if strings else mesh.anchors[:, 0].copy()
 
 
 def _chains(ends: Ints, divisions: int, first_inner: int) -> Ints:
@@ -351,15 +395,19 @@ def _refuse_overflow(mass: Floats, position: Floats) -> None:
 
 
 def _net(
-    cables: list[_Cables], faces: tuple[tuple[int, ...], ...], mouth: tuple[int, ...], **of_nodes: np.ndarray
+    cables: list[_Cables],
+    order: Ints | None,
+    faces: tuple[tuple[int, ...], ...],
+    mouth: tuple[int, ...],
+    **of_nodes: np.ndarray,
 ) -> Net:
-    """Put the elements of all cables one after another, and lock the arrays."""
+    """Put the elements of all cables one after another, or in the order of their sides; lock the arrays."""
     counts = [kind.chains.shape[0] * kind.divisions for kind in cables]
 
     def spread(values: list[float]) -> Floats:
         return np.repeat(np.array(values, dtype=float), counts)
 
-    arrays: dict[str, Any] = of_nodes | {
+    arrays: dict[str, Any] = {
         "element_nodes": np.concatenate([kind.element_nodes for kind in cables]),
         "reference_length": np.concatenate([np.repeat(kind.length, kind.divisions) for kind in cables]),
         "area": spread([kind.made_of.cross_section for kind in cables]),
@@ -367,11 +415,18 @@ def _net(
         "density": spread([kind.made_of.density for kind in cables]),
         "is_string": np.repeat([kind.is_string for kind in cables], counts),
     }
-    if any(kind.made_of.strength for kind in cables):
-        arrays["strength"] = spread([kind.made_of.strength or 0.0 for kind in cables])
+    if any(kind.made_of.allowable for kind in cables):
+        arrays["strength"] = spread([kind.made_of.allowable or 0.0 for kind in cables])
     numbers, table = laws_of(kind.made_of for kind in cables)
     if any(numbers):
-        arrays |= {"law_number": np.repeat(numbers, counts), "law_table": table}
+        arrays["law_number"] = np.repeat(numbers, counts)
+    if order is not None:
+        each = cables[0].divisions
+        own = (order[:, None] * each + np.arange(each)).ravel()
+        arrays = {k: np.concatenate([array[own], array[len(own) :]]) for k, array in arrays.items()}
+    arrays |= of_nodes
+    if any(numbers):
+        arrays["law_table"] = table
     for array in arrays.values():
         array.flags.writeable = False
     return Net(**arrays, faces=faces, mouth=mouth)

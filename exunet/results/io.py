@@ -87,7 +87,11 @@ _PLAIN = {
     "fixed_nodes": _NetArray("f", "1", "nodes that are held still", "<i8"),
     "knots": _NetArray("k", "1", "nodes at the ends of mesh sides", "<i8"),
 }
-_STRENGTH = _NetArray("e", "N", "specified axial strength of each element; 0: not known")
+_STRENGTH = _NetArray(
+    "e",
+    "N",
+    "axial force that each element may bear: strength x knot efficiency / safety factor; 0: not known",
+)
 _LAW = {
     "law_number": _NetArray(
         "e", "1", "law of each element: 0 paper's, 1 Hooke's, 2 + first row of a table", "<i8"

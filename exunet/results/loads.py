@@ -1,8 +1,8 @@
 """Margins of threads to their strength, and forces of threads on bodies.
 
-The margin of an element is strength / largest tension - 1: 0 where the tension reaches the strength, negative
-beyond. The strength is what the case states for its cable or, where it states none, the limit of the effect
-`breaking` (`Net.strength`).
+The margin of an element is strength x knot efficiency / (safety factor x largest tension) - 1: 0 where the
+tension reaches what the element may bear, negative beyond. The strength is what the case states for its cable
+or follows from its material or, without either, the limit of the effect `breaking` (`Net.strength`).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Margin:
     element  : which has it
     time     : when [s]
     tension  : its tension then [N]
-    strength : of it [N]
+    strength : of it, times knot efficiency / safety factor [N]
     of       : "all steps", or "stored times": a peak between two of these is not in it
     """
 

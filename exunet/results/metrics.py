@@ -220,7 +220,7 @@ def margins(run: Observables) -> Iterator[Metric]:
         of = "" if margin.of == ALL_STEPS else ", at stored times, between which it may be less"
         yield Metric(
             name, f"margin of {group}", "", margin.margin, margin.time, f"element {margin.element}",
-            f"strength {margin.strength:.4g} N / largest tension - 1, at t = {margin.time:.6g} s{of}",
+            f"allowable load {margin.strength:.4g} N / largest tension - 1, at t = {margin.time:.6g} s{of}",
             resolution=1e-4,
         )  # fmt: skip
 

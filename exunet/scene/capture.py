@@ -92,4 +92,4 @@ def cross_checks(
         words = "is not among the bodies that threads or nodes touch in effects.contact"
         yield Fault("touching", f"{criterion.target!r} {words}")
     if criterion.mouth is not None and not has_mouth:
-        yield Fault("mouth", "a net of listed elements does not have a mouth")
+        yield Fault("mouth", "the net does not have a mouth: give net.corners")

@@ -17,7 +17,7 @@ from exunet.base.key_path import KeyPath, dotted, leaves
 from exunet.base.record import unlocated
 from exunet.base.validation import AnyRecord, Located, validated_record
 from exunet.scene import plausibility
-from exunet.scene.document import Override, located, overridden, parse, read_text
+from exunet.scene.document import FILES_OF_NET, Override, located, overridden, parse, read_text
 from exunet.scene.scene import Scene, parse_scene
 
 REALISTIC = 1e50  # no quantity of a net is larger in SI units, or smaller than its inverse
@@ -84,6 +84,13 @@ def parse_record(text: str, path: Path, kind: type[AnyRecord], more: dict[str, A
     if record is None:
         raise CaseError(located(found, text, path, []))
     return record
+
+
+def files_of(scene: Scene) -> dict[str, str]:
+    """Return the files that a scene reads by their keys, but for a result that it starts from."""
+    found = {f"bodies.{name}.file": keys.file for name, keys in scene.bodies.items()}
+    found |= {f"net.{key}": getattr(scene.net, key, None) for key in FILES_OF_NET}
+    return {key: file for key, file in found.items() if file is not None}
 
 
 def place_of_override(option: str) -> str:

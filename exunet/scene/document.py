@@ -247,6 +247,7 @@ def _first(rules: tuple[tuple[str, str], ...], text: str) -> str:
 
 
 MAX_BYTES = 10_000_000
+FILES_OF_NET = ("nodes_file", "elements_file")
 MAX_FAULTS = 100  # more than anyone reads
 WIDTH, INDENT = 100, 4  # of a list on one line, and of its items on lines of their own
 # A list of numbers and texts as tomli_w has it, an item a line.
@@ -317,9 +318,10 @@ def text_of(document: dict[str, Any], folder: Path) -> str:
 
 
 def _files(document: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
-    """The tables and keys that name files: meshes, and a result to start from."""
+    """The tables and keys that name files: meshes, lists of a net, and a result to start from."""
     bodies = document.get("bodies")
     tables = [(table, "file") for table in bodies.values()] if isinstance(bodies, dict) else []
+    tables += [(document.get("net"), key) for key in FILES_OF_NET]
     for table, key in [(document.get("initial"), "restart"), *tables]:
         if isinstance(table, dict) and isinstance(table.get(key), str) and table[key]:
             yield table, key

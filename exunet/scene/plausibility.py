@@ -33,7 +33,7 @@ from exunet.net.closing import ClosingLineConfig
 from exunet.net.explicit import ExplicitNetConfig
 from exunet.net.folding import folded
 from exunet.net.tether import ReelConfig, TetherConfig
-from exunet.scene.scene import Scene
+from exunet.scene.scene import Scene, cables
 from exunet.scene.script import drive_of, timeline
 
 # Materials: from rubber (1e6 Pa) to carbon fibre and graphite whiskers (1e12 Pa); from aerogels and foams to
@@ -104,7 +104,7 @@ class _Mission:
         on = switched_on(self.scene.effects)
         own = any(replaces_launch(EFFECTS[name]) for name in on)
         initial = self.scene.initial
-        listed = isinstance(self.scene.net, ExplicitNetConfig)
+        listed = not self.scene.net.has_mouth or initial.node_positions or initial.node_velocities
         return not (own or listed or initial.restart is not None or "gravity" in on)
 
     @cached_property
@@ -255,15 +255,10 @@ def _outside(key: str, words: str, value: float, bounds: tuple[float, float], un
 
 def materials(mission: _Mission) -> Iterator[Fault]:
     """Modulus, density, strength and thickness of each thread, and of the closing line."""
-    scene = mission.scene
-    cables: dict[str, tuple[Cable, float]] = {
-        "net.cable": (scene.net.cable, _shortest_side(mission.net, scene.net.divisions))
-    }
-    if isinstance(scene.net, ThrownNetConfig) and scene.net.strings is not None:
-        cables["net.strings"] = (scene.net.strings, scene.net.strings.length)
-    cables |= {f"tethers.{name}": (keys, keys.length) for name, keys in scene.tethers.items()}
+    scene, side = mission.scene, _shortest_side(mission.net, mission.scene.net.divisions)
     damping = getattr(scene.effects, "material_damping", None)
-    for key, (cable, length) in cables.items():
+    for key, cable in cables(scene).items():
+        length = float(getattr(cable, "length", side))
         yield from _outside(f"{key}.youngs_modulus", "modulus", cable.modulus, MODULUS, "Pa")
         yield from _outside(f"{key}.density", "density", cable.density, DENSITY, "kg/m3")
         diameter = math.sqrt(4.0 * cable.cross_section / math.pi)
@@ -301,6 +296,11 @@ def materials(mission: _Mission) -> Iterator[Fault]:
         if line.strength is not None:
             strain = line.strength / line.stiffness
             yield from _outside("closing.strength", "a strain at the strength", strain, STRAIN, "m/m")
+
+
+def cord_notes(scene: Scene) -> Iterator[str]:
+    """Yield a note for each cable with values that follow from its material, with their sources."""
+    yield from (f"{key}: {cable.assumed}" for key, cable in cables(scene).items() if cable.assumed)
 
 
 def _shortest_side(net: Net, divisions: int) -> float:
@@ -573,11 +573,12 @@ def lists(mission: _Mission) -> Iterator[Fault]:
     """Elements that are listed twice, and stored times after the end."""
     net, time, known = mission.scene.net, mission.scene.time, dict[frozenset[int], int]()
     if isinstance(net, ExplicitNetConfig):
-        pairs = enumerate(map(frozenset, net.elements))
+        pairs = enumerate(map(frozenset, net.listed.elements.tolist()))
         yield from shortened(
-            Fault(f"net.elements[{k}]", f"joins the same nodes as element {known[pair]}: both carry load")
+            Fault(f"net.{key}", f"{where}joins the same nodes as element {known[pair]}: both carry load")
             for k, pair in pairs
             if known.setdefault(pair, k) != k
+            for key, where in [net.place_of_element(k)]
         )
     if time.output_step is not None and not reached(time.end, time.output_step):
         words = f"{time.output_step:g} s is longer than the run, {time.end:g} s: two states are stored"

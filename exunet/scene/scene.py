@@ -39,7 +39,7 @@ from exunet.forces.requirements import RestOfCase, replaces_launch
 from exunet.methods.config import AUTO, Solver
 from exunet.methods.method import COMPILED_METHODS, Backend
 from exunet.net import AnyNetConfig, closing, explicit, folding, tether
-from exunet.net.base import ThrownNetConfig, other_length
+from exunet.net.base import Cable, ThrownNetConfig, other_length
 from exunet.net.closing import Closing
 from exunet.net.folding import Fold
 from exunet.net.tether import Tethers
@@ -229,10 +229,13 @@ class BulletLaunch(Record):
         outward, upward = place / np.linalg.norm(place, axis=1, keepdims=True), np.array([0.0, 0.0, 1.0])
         velocity = radial * outward + axial * upward
         if self.tilts is not None:
+            width = np.linalg.norm(outward[:, :2], axis=1, keepdims=True)  # 1, or less of an explicit net
+            radial, axial = radial * width, axial + radial * outward[:, 2:]
+            outward = outward * [1.0, 1.0, 0.0] / np.where(width > 0.0, width, 1.0)
             first, second = np.array(self.tilts).T[..., None]
             leaning = (radial * np.cos(first) + axial * np.sin(first)) * outward
             leaning += (axial * np.cos(first) - radial * np.sin(first)) * upward
-            sideways = math.hypot(radial, axial) * np.cross(upward, outward)
+            sideways = np.hypot(radial, axial) * np.cross(upward, outward)
             velocity = np.cos(second) * leaning + np.sin(second) * sideways
         factors = 1.0 if self.speed_factors is None else np.array(self.speed_factors)[:, None]
         return np.asarray(factors * velocity)
@@ -456,10 +459,20 @@ class Scene(Record):
         if self.capture is not None:
             contact = getattr(self.effects, "contact", None)
             touched = frozenset(() if contact is None else (*contact.threads, *contact.nodes))
-            mouth = self.net.topology != "explicit"
+            mouth = self.net.has_mouth
             found = capture.cross_checks(self.capture, self.bodies, touched, has_mouth=mouth)
             yield from within("capture", found)
         yield from _script(self)
+
+
+def cables(scene: Scene) -> dict[str, Cable]:
+    """Return the cables of a scene by their keys."""
+    found: dict[str, Cable | None] = {
+        f"net.{name}": getattr(scene.net, name, None) for name in ("cable", "border", "strings")
+    }
+    found |= {f"net.threads.{name}": cable for name, cable in getattr(scene.net, "threads", {}).items()}
+    found |= {f"tethers.{name}": keys for name, keys in scene.tethers.items()}
+    return {key: cable for key, cable in found.items() if cable is not None}
 
 
 def parse_scene(text: str, path: Path, overrides: Sequence[str] = ()) -> Scene:
@@ -513,7 +526,9 @@ def _initial(scene: Scene) -> Iterator[Fault]:
             continue
         if not isinstance(scene.net, explicit.ExplicitNetConfig):
             yield Fault(f"initial.{name}", f'is for net.topology = "explicit", not "{scene.net.topology}"')
-        elif reason := other_length(values, scene.net.nodes):
+        elif scene.net.is_given("strings"):
+            yield Fault(f"initial.{name}", "excludes net.strings, whose bullets are not listed")
+        elif reason := other_length(values, scene.net.listed.nodes):
             yield Fault(f"initial.{name}", reason)
     if initial.restart is not None:
         words = "excludes initial.restart, whose state has positions and velocities: remove one"
@@ -543,9 +558,7 @@ def _launch(scene: Scene) -> Iterator[Fault]:
 
 def _laws(scene: Scene) -> Iterator[Fault]:
     """Require the law of the paper where another one is not modelled."""
-    threads = {f"net.{name}": getattr(scene.net, name, None) for name in ("cable", "border", "strings")}
-    threads |= {f"tethers.{name}": tether for name, tether in scene.tethers.items()}
-    other = [key for key, cable in threads.items() if cable is not None and cable.law != "green_lagrange"]
+    other = [key for key, cable in cables(scene).items() if cable.law != "green_lagrange"]
     reasons = {
         "effects.thermal_strain": "whose free strain is of Green and Lagrange"
         if scene.effects.is_given("thermal_strain")

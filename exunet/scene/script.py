@@ -519,7 +519,7 @@ class Stage:
         scene = self.scene
         return {
             "target": scene.capture is not None,
-            "mouth": scene.net.topology != "explicit",
+            "mouth": scene.net.has_mouth,
             "tethers": bool(scene.tethers),
             "line": isinstance(scene.closing, ClosingLineConfig),
             "contact": getattr(scene.effects, "contact", None) is not None,
@@ -530,7 +530,7 @@ class Stage:
 
 _LACKS = {
     "target": "needs [capture], which names the target",
-    "mouth": "needs a net with a mouth: a net of listed elements does not have one",
+    "mouth": "needs a net with a mouth: a net of listed elements has one with net.corners",
     "tethers": "needs a tether",
     "line": 'needs [closing] of kind = "line"',
     "contact": "needs [effects.contact]",

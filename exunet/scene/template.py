@@ -12,12 +12,12 @@ from pydantic.fields import FieldInfo
 from exunet.base.record import Record, config_of
 from exunet.base.validation import alternatives, literals
 from exunet.net import TOPOLOGIES
-from exunet.net.base import ThrownNetConfig
+from exunet.net.base import Cable, ThrownNetConfig
+from exunet.net.explicit import ExplicitNetConfig
 from exunet.scene.scene import Scene
 
 # Optional keys that the template uses, besides the first of each EXACTLY_ONE; it comments out the others.
 _CHOSEN = (
-    "youngs_modulus",
     "inertia",
     "threads",
     "stiffness",
@@ -28,7 +28,13 @@ _CHOSEN = (
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
 # Optional tables that the template switches on, so that its net opens.
 _ON = (("net", "strings"), ("net", "bullets"), ("launch",))
-_NAMES = {"bodies": "chaser", "tethers": "tow", "attachments": "corner", "parts": "panel"}
+_NAMES = {
+    "bodies": "chaser",
+    "tethers": "tow",
+    "attachments": "corner",
+    "parts": "panel",
+    "threads": "border",
+}
 # A second body, which other tables of the template name.
 _TARGET = """
 [bodies.target]  # a second body, for contact and capture
@@ -91,6 +97,8 @@ def _keys(record: type[Record], path: tuple[str, ...], *, moving: bool = False) 
     moving : whether the net starts with a velocity, since its topology does not have a launch
     """
     needed = {name for name, field in record.model_fields.items() if field.is_required()}
+    needed |= {"density", "youngs_modulus"} if issubclass(record, Cable) else set()
+    needed |= {"elements", "corners"} if issubclass(record, ExplicitNetConfig) else set()
     needed |= {"velocity"} if path == ("initial",) and moving else set()
     needed |= {*record.EXACTLY_ONE[:1], *(() if record.EXACTLY_ONE[:1] == ("body",) else _CHOSEN)}
     needed |= {*(_OF_PARTS if "parts" in path else ())}

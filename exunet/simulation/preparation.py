@@ -47,7 +47,7 @@ from exunet.results.loads import broken_at, released_at
 from exunet.results.provenance import RestartSource, SceneProvenance
 from exunet.results.result import Result
 from exunet.scene.casefile import Case, case_of, located_faults
-from exunet.scene.plausibility import damping_note, place_notes
+from exunet.scene.plausibility import cord_notes, damping_note, place_notes
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import function_named
 from exunet.simulation.planning import make_plan, with_backend, with_pilots
@@ -338,6 +338,7 @@ def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
     if (note := damping_note(scene, system.net)) is not None:
         yield note
     yield from place_notes(scene, system.net)
+    yield from cord_notes(scene)
     if getattr(effects, "self_contact", None) is not None and scene.tethers:
         yield (
             "effects.self_contact acts between threads of the net and its strings: "

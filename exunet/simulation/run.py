@@ -33,7 +33,7 @@ from exunet.results.run_folder import (
     waiting_place,
 )
 from exunet.results.store import STORE_FILE, FileStore
-from exunet.scene.casefile import Case, case_of, parse_case
+from exunet.scene.casefile import Case, case_of, files_of, parse_case
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import Start, prepare_case, start_of
 from exunet.simulation.recorder import (
@@ -84,7 +84,7 @@ class Request:
 def provenance(case: Case) -> dict[str, Any]:
     """Return what a result records of the case."""
     found = {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
-    files = case.scene.initial.restart or any(keys.file for keys in case.scene.bodies.values())
+    files = case.scene.initial.restart or files_of(case.scene)
     return found | ({"folder": str(case.path.parent.resolve())} if files else {})  # to resume with them
 
 

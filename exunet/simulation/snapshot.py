@@ -19,6 +19,7 @@ from exunet.base.files import pack_arrays, path_of, read_arrays, unpack_arrays, 
 from exunet.base.version import VERSION
 from exunet.integrators.exudyn.engine import exudyn_version
 from exunet.kernels.compile import numba_version
+from exunet.net.explicit import ExplicitNetConfig
 from exunet.simulation.preparation import Start
 
 KIND, FORMAT = "exunet snapshot", 1
@@ -106,7 +107,7 @@ _DIFFERS = {
     "numba": "another version of Numba",
     "engine": "another engine or form of the net",
     "scene": "another case",
-    "files": "a case whose files (bodies.*.file, initial.restart) have another content",
+    "files": "a case whose files (bodies.*.file, net.*_file, initial.restart) have another content",
     "state": "another start",
 }
 _READABLE = {"exunet", "numpy", "exudyn", "numba", "engine"}  # the others are checksums
@@ -116,6 +117,7 @@ _NOT_IN_SCENE: Any = {
     "title": True,
     "initial": {"restart"},
     "bodies": {"__all__": {"file"}},
+    "net": {"nodes_file", "elements_file"},
 }
 
 
@@ -142,8 +144,11 @@ def identity(start: Start) -> dict[str, Any]:
 
 
 def _read_from_files(start: Start) -> str:
-    """Checksum of the surfaces of bodies, and of the result and the stored time that the case starts from."""
+    """Checksum of a listed net, surfaces of bodies, and the result and time that the case starts from."""
     found = hashlib.sha256()
+    if isinstance(start.scene.net, ExplicitNetConfig):
+        for part in start.scene.net.listed:
+            found.update(np.ascontiguousarray([] if part is None else part).tobytes())
     for body in start.system.bodies:
         if body.shape is not None and (mesh := body.shape.mesh) is not None:
             for part in (mesh.vertices, mesh.triangles):

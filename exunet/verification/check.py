@@ -5,21 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-import exunet
-from exunet.base.errors import InputError
 from exunet.verification.tolerances import Tolerance
 
 Floats = NDArray[np.float64]
-PACKAGE = Path(exunet.__file__).parent
-# A wheel has the cases in the package, a clone beside it.
-CASES = next(
-    (folder for folder in (PACKAGE / "cases", PACKAGE.parent / "cases") if folder.is_dir()), PACKAGE / "cases"
-)
 
 
 @dataclass(frozen=True)
@@ -142,11 +134,3 @@ def worst_of(name: str, checks: Iterable[Check]) -> Check:
     """
     worst = max(checks, key=lambda check: math.inf if math.isnan(check.error) else check.error)
     return replace(worst, name=name, where=f"{worst.name}: {worst.where}")
-
-
-def shipped(folder: str = "") -> dict[str, Path]:
-    """Return name and file of the cases in cases/ or a folder of it; raises InputError without any."""
-    paths = sorted((CASES / folder).glob("*.toml"))
-    if not paths:
-        raise InputError(f"{CASES / folder}: the shipped cases are missing: install exunet again")
-    return {path.stem: path for path in paths}

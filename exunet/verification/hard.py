@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import reference_impl as reference
+from exunet.base.cases import CASES
 from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.methods.method import METHODS, Backend, Kind
 from exunet.model.limits import largest_frequency, stable_step
@@ -27,7 +28,7 @@ from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import both_of
 from exunet.verification import tolerances as tol
-from exunet.verification.check import CASES, Check, skipped
+from exunet.verification.check import Check, skipped
 from exunet.verification.suite import Item
 from exunet.verification.tolerances import Tolerance
 from reference_impl import energy as theirs

@@ -21,7 +21,7 @@ from exunet.model.effect_survey import without_choice
 from exunet.model.initial import places_of_fold
 from exunet.results.comparison import Agreement, ComparedRun, compare, read_reference
 from exunet.results.result import Result
-from exunet.scene.casefile import Case
+from exunet.scene.casefile import Case, files_of
 from exunet.scene.scene import Scene
 
 # Ends the reference with the process that started it, however that died: its end of the pipe closes then,
@@ -129,8 +129,7 @@ def _as_read(case: Case, folder: Path) -> tuple[Path, list[str]]:
             return case.path.absolute(), []
     copy = folder / case.path.name
     copy.write_bytes(case.text.encode())
-    named = {f"bodies.{name}.file": keys.file for name, keys in case.scene.bodies.items()}
-    named |= {"initial.restart": case.scene.initial.restart}
+    named = files_of(case.scene) | {"initial.restart": case.scene.initial.restart}
     placed = {key: str(Path(file).absolute()) for key, file in named.items() if file is not None}
     return copy, [f"{key}={json.dumps(file, ensure_ascii=False)}" for key, file in placed.items()]
 

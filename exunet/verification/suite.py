@@ -13,13 +13,14 @@ from functools import cache, partial
 from pathlib import Path
 
 import reference_impl as reference
+from exunet.base.cases import CASES, shipped
 from exunet.base.errors import ExunetError, Interrupted
 from exunet.integrators.protocol import IntegrationFailed
 from exunet.plots.style import drawing
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.answers import ANSWERS
 from exunet.verification.answers.orders import orders
-from exunet.verification.check import CASES, Check, Finding, shipped
+from exunet.verification.check import Check, Finding
 from exunet.verification.cross_code import STATES, at_states, matrices
 from exunet.verification.horizon import beyond
 from exunet.verification.random_states import random_topologies, topology

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from exunet.base.cases import shipped
 from exunet.base.errors import InputError
 from exunet.forces import cable
 from exunet.results import measures as metrics
@@ -21,7 +22,7 @@ from exunet.verification.answers import bodies, motions, mouth
 from exunet.verification.answers.bodies import FreeRotation
 from exunet.verification.answers.motions import frequency
 from exunet.verification.answers.orders import ErrorSeries
-from exunet.verification.check import Check, Finding, difference, shipped, worst_of
+from exunet.verification.check import Check, Finding, difference, worst_of
 from exunet.verification.cross_code import compared, measures, motion
 from exunet.verification.horizon import AMPLITUDES, ROUND_OFF, Growth, Statistics, growth, nearby, sensitivity
 from exunet.verification.suite import RUNS, Item

@@ -409,7 +409,7 @@ def test_what_overrides_do_beside_what_they_state_is_a_warning(tmp_path: Path) -
         ("time.end=", "time.end: "),
         ("effects.gravity.g=1", "effects.gravity.acceleration: "),
         ("net.mesh=0.3", "net.mesh: "),
-        ("net.cable={}", "net.cable.density: "),
+        ("net.cable={}", "net.cable: "),
         ("time.edn=1", "time.edn: "),
         ("initial.velocity=1,2", "initial.velocity: "),
         ("initial.velocity=[1,2", ""),
@@ -652,14 +652,10 @@ def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str,
     """
     scene = switched(
         topology,
-        lambda name: (
-            not name.startswith("effects.")
-            and name not in ("initial.fold", "capture")
-            and (topology != "explicit" or not name.startswith(("launch", "control")))
-        ),
+        lambda name: not name.startswith("effects.") and name not in ("initial.fold", "capture"),
         tmp_path / "template.toml",
     )
-    assert (scene.launch is not None) == (topology != "explicit")
+    assert scene.launch is not None
 
 
 def test_the_template_with_a_capture_is_a_valid_case(tmp_path: Path) -> None:

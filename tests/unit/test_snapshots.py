@@ -450,7 +450,7 @@ def test_a_mesh_may_have_another_name_and_place_but_not_another_content(
         again.advance(0.01)
         assert np.array_equal(again.bodies["ball"].attitude, sim.bodies["ball"].attitude)
     ball(own, 0.4)
-    with pytest.raises(InputError, match=r"files \(bodies\.\*\.file, initial\.restart\)"):
+    with pytest.raises(InputError, match="files"):
         Simulation("case.toml").restore(Snapshot.load("here.exu"))
 
 

@@ -25,7 +25,7 @@ from exunet.base.version import VERSION
 from exunet.coupling.fmu.variables import Signals, Variable, powers
 from exunet.coupling.fmu.worker import FILE, Content, FmuModel
 from exunet.coupling.stability import STABLE, longest_step
-from exunet.scene.casefile import Case, case_of, refuse_other_overrides
+from exunet.scene.casefile import Case, case_of, files_of, refuse_other_overrides
 from exunet.scene.scene import Scene
 from exunet.simulation.preparation import load_restart
 
@@ -282,14 +282,13 @@ def _platform(fmi: int) -> str:
 
 
 def _files_of(case: Case) -> tuple[dict[str, bytes], list[str]]:
-    """Return the meshes and the result that a case names, by new names, and the overrides to these."""
+    """Return the files and the result that a case names, by new names, and the overrides to these."""
     files: dict[str, bytes] = {}
     moved = []
-    for number, (name, keys) in enumerate(case.scene.bodies.items()):
-        if keys.file is not None:
-            new = f"mesh{number}{Path(keys.file).suffix}"
-            files[new] = Path(keys.file).read_bytes()
-            moved.append(f"bodies.{name}.file={json.dumps(new)}")
+    for number, (key, file) in enumerate(files_of(case.scene).items()):
+        new = f"file{number}{Path(file).suffix}"
+        files[new] = Path(file).read_bytes()
+        moved.append(f"{key}={json.dumps(new)}")
     if (named := case.scene.initial.restart) is not None:
         source = load_restart(named)
         files["start.h5"] = Path(source.provenance.result).read_bytes()
