@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from exunet.base.errors import Interrupted as Interrupted
     from exunet.base.errors import MissingExtra as MissingExtra
     from exunet.base.errors import RunStopped as RunStopped
-    from exunet.bodies.config import AttachmentConfig as Attachment
-    from exunet.bodies.config import BodyConfig as Body
-    from exunet.bodies.config import PartConfig as Part
+    from exunet.bodies.config import Attachment as Attachment
+    from exunet.bodies.config import Body as Body
+    from exunet.bodies.config import Part as Part
     from exunet.bodies.port import FrameState as FrameState
     from exunet.coupling.coupler import Coupler as Coupler
     from exunet.coupling.exudyn_host import ExudynHost as ExudynHost
@@ -43,48 +43,48 @@ if TYPE_CHECKING:
     from exunet.forces.corner_units import PointControl as PointControl
     from exunet.forces.corner_units import TableControl as TableControl
     from exunet.forces.effects import Effects as Effects
-    from exunet.forces.effects.air_drag import AirDragConfig as AirDrag
-    from exunet.forces.effects.bending import BendingConfig as Bending
-    from exunet.forces.effects.breaking import BreakingConfig as Breaking
-    from exunet.forces.effects.contact import HertzContactConfig as HertzContact
-    from exunet.forces.effects.contact import LinearContactConfig as LinearContact
+    from exunet.forces.effects.air_drag import AirDrag as AirDrag
+    from exunet.forces.effects.bending import Bending as Bending
+    from exunet.forces.effects.breaking import Breaking as Breaking
+    from exunet.forces.effects.contact import HertzContact as HertzContact
+    from exunet.forces.effects.contact import LinearContact as LinearContact
     from exunet.forces.effects.contact import RegularisedFriction as RegularisedFriction
     from exunet.forces.effects.contact import StickingFriction as StickingFriction
-    from exunet.forces.effects.gravity import GravityConfig as Gravity
-    from exunet.forces.effects.j2 import J2Config as J2
-    from exunet.forces.effects.launch_force import GasLaunchForceConfig as GasLaunchForce
-    from exunet.forces.effects.launch_force import SpringLaunchForceConfig as SpringLaunchForce
-    from exunet.forces.effects.mass_damping import MassDampingConfig as MassDamping
-    from exunet.forces.effects.material_damping import MaterialDampingConfig as MaterialDamping
-    from exunet.forces.effects.molecular_drag import MolecularDragConfig as MolecularDrag
-    from exunet.forces.effects.orbit import OrbitConfig as Orbit
-    from exunet.forces.effects.rayleigh_damping import RayleighDampingConfig as RayleighDamping
-    from exunet.forces.effects.self_contact import SelfContactConfig as SelfContact
-    from exunet.forces.effects.solar_pressure import SolarPressureConfig as SolarPressure
-    from exunet.forces.effects.thermal_strain import ThermalStrainConfig as ThermalStrain
-    from exunet.forces.effects.thrust import ThrustConfig as Thrust
+    from exunet.forces.effects.gravity import Gravity as Gravity
+    from exunet.forces.effects.j2 import J2 as J2
+    from exunet.forces.effects.launch_force import GasLaunchForce as GasLaunchForce
+    from exunet.forces.effects.launch_force import SpringLaunchForce as SpringLaunchForce
+    from exunet.forces.effects.mass_damping import MassDamping as MassDamping
+    from exunet.forces.effects.material_damping import MaterialDamping as MaterialDamping
+    from exunet.forces.effects.molecular_drag import MolecularDrag as MolecularDrag
+    from exunet.forces.effects.orbit import Orbit as Orbit
+    from exunet.forces.effects.rayleigh_damping import RayleighDamping as RayleighDamping
+    from exunet.forces.effects.self_contact import SelfContact as SelfContact
+    from exunet.forces.effects.solar_pressure import SolarPressure as SolarPressure
+    from exunet.forces.effects.thermal_strain import ThermalStrain as ThermalStrain
+    from exunet.forces.effects.thrust import Thrust as Thrust
     from exunet.methods.config import Solver as Solver
     from exunet.net.base import Bullets as Bullets
     from exunet.net.base import Cable as Cable
     from exunet.net.base import Strings as Strings
-    from exunet.net.closing import ClosingLineConfig as ClosingLine
+    from exunet.net.closing import ClosingLine as ClosingLine
     from exunet.net.closing import EndOfLine as EndOfLine
-    from exunet.net.closing import PerimeterConfig as Perimeter
+    from exunet.net.closing import Perimeter as Perimeter
     from exunet.net.closing import Winch as Winch
-    from exunet.net.cut import CutNetConfig as CutNet
+    from exunet.net.cut import CutNet as CutNet
     from exunet.net.drive import Brake as Brake
     from exunet.net.drive import Lock as Lock
     from exunet.net.drive import Rate as Rate
     from exunet.net.drive import Tension as Tension
-    from exunet.net.explicit import ExplicitNetConfig as ExplicitNet
+    from exunet.net.explicit import ExplicitNet as ExplicitNet
     from exunet.net.folding import Fold as Fold
-    from exunet.net.hexagonal import HexagonalNetConfig as HexagonalNet
-    from exunet.net.radial import RadialNetConfig as RadialNet
-    from exunet.net.rectangular import RectangularNetConfig as RectangularNet
-    from exunet.net.square import SquareNetConfig as SquareNet
-    from exunet.net.tether import ReelConfig as Reel
-    from exunet.net.tether import TetherConfig as Tether
-    from exunet.net.tether import TetherEndConfig as TetherEnd
+    from exunet.net.hexagonal import HexagonalNet as HexagonalNet
+    from exunet.net.radial import RadialNet as RadialNet
+    from exunet.net.rectangular import RectangularNet as RectangularNet
+    from exunet.net.square import SquareNet as SquareNet
+    from exunet.net.tether import Reel as Reel
+    from exunet.net.tether import Tether as Tether
+    from exunet.net.tether import TetherEnd as TetherEnd
     from exunet.plots.registry import figure as figure
     from exunet.plots.registry import save_figures as save_figures
     from exunet.results.clearance import clearance as clearance
@@ -115,7 +115,7 @@ if TYPE_CHECKING:
     from exunet.results.result import BodyStates as BodyStates
     from exunet.results.result import Result as Result
     from exunet.results.summary import summarise as summarise
-    from exunet.scene.capture import CaptureCriterion as Capture
+    from exunet.scene.capture import Capture as Capture
     from exunet.scene.casefile import load as load
     from exunet.scene.scene import ConeLaunch as ConeLaunch
     from exunet.scene.scene import Engine as Engine
@@ -124,7 +124,7 @@ if TYPE_CHECKING:
     from exunet.scene.scene import RadialLaunch as RadialLaunch
     from exunet.scene.scene import Scene as Scene
     from exunet.scene.scene import Time as Time
-    from exunet.scene.script import Entry as ScriptEntry
+    from exunet.scene.script import ScriptEntry as ScriptEntry
     from exunet.simulation.preparation import Start as Start
     from exunet.simulation.preparation import prepare as prepare
     from exunet.simulation.run import resume as resume
@@ -152,12 +152,12 @@ API = {
         "Time": "exunet.scene.scene",
         "Solver": "exunet.methods.config",
         "Engine": "exunet.scene.scene",
-        "SquareNet": "exunet.net.square:SquareNetConfig",
-        "RectangularNet": "exunet.net.rectangular:RectangularNetConfig",
-        "HexagonalNet": "exunet.net.hexagonal:HexagonalNetConfig",
-        "RadialNet": "exunet.net.radial:RadialNetConfig",
-        "CutNet": "exunet.net.cut:CutNetConfig",
-        "ExplicitNet": "exunet.net.explicit:ExplicitNetConfig",
+        "SquareNet": "exunet.net.square",
+        "RectangularNet": "exunet.net.rectangular",
+        "HexagonalNet": "exunet.net.hexagonal",
+        "RadialNet": "exunet.net.radial",
+        "CutNet": "exunet.net.cut",
+        "ExplicitNet": "exunet.net.explicit",
         "Cable": "exunet.net.base",
         "Strings": "exunet.net.base",
         "Bullets": "exunet.net.base",
@@ -166,16 +166,16 @@ API = {
         "NetFrame": "exunet.scene.scene",
         "ConeLaunch": "exunet.scene.scene",
         "RadialLaunch": "exunet.scene.scene",
-        "Body": "exunet.bodies.config:BodyConfig",
-        "Part": "exunet.bodies.config:PartConfig",
-        "Attachment": "exunet.bodies.config:AttachmentConfig",
-        "Tether": "exunet.net.tether:TetherConfig",
-        "TetherEnd": "exunet.net.tether:TetherEndConfig",
-        "Reel": "exunet.net.tether:ReelConfig",
-        "ClosingLine": "exunet.net.closing:ClosingLineConfig",
+        "Body": "exunet.bodies.config",
+        "Part": "exunet.bodies.config",
+        "Attachment": "exunet.bodies.config",
+        "Tether": "exunet.net.tether",
+        "TetherEnd": "exunet.net.tether",
+        "Reel": "exunet.net.tether",
+        "ClosingLine": "exunet.net.closing",
         "EndOfLine": "exunet.net.closing",
         "Winch": "exunet.net.closing",
-        "Perimeter": "exunet.net.closing:PerimeterConfig",
+        "Perimeter": "exunet.net.closing",
         "Brake": "exunet.net.drive",
         "Lock": "exunet.net.drive",
         "Rate": "exunet.net.drive",
@@ -185,29 +185,29 @@ API = {
         "TableControl": "exunet.forces.corner_units",
         "GivenControl": "exunet.forces.corner_units",
         "Noise": "exunet.forces.corner_units",
-        "Capture": "exunet.scene.capture:CaptureCriterion",
-        "ScriptEntry": "exunet.scene.script:Entry",
+        "Capture": "exunet.scene.capture",
+        "ScriptEntry": "exunet.scene.script",
         "Effects": "exunet.forces.effects",
-        "Gravity": "exunet.forces.effects.gravity:GravityConfig",
-        "MassDamping": "exunet.forces.effects.mass_damping:MassDampingConfig",
-        "MaterialDamping": "exunet.forces.effects.material_damping:MaterialDampingConfig",
-        "RayleighDamping": "exunet.forces.effects.rayleigh_damping:RayleighDampingConfig",
-        "LinearContact": "exunet.forces.effects.contact:LinearContactConfig",
-        "HertzContact": "exunet.forces.effects.contact:HertzContactConfig",
+        "Gravity": "exunet.forces.effects.gravity",
+        "MassDamping": "exunet.forces.effects.mass_damping",
+        "MaterialDamping": "exunet.forces.effects.material_damping",
+        "RayleighDamping": "exunet.forces.effects.rayleigh_damping",
+        "LinearContact": "exunet.forces.effects.contact",
+        "HertzContact": "exunet.forces.effects.contact",
         "StickingFriction": "exunet.forces.effects.contact",
         "RegularisedFriction": "exunet.forces.effects.contact",
-        "SelfContact": "exunet.forces.effects.self_contact:SelfContactConfig",
-        "Bending": "exunet.forces.effects.bending:BendingConfig",
-        "Breaking": "exunet.forces.effects.breaking:BreakingConfig",
-        "ThermalStrain": "exunet.forces.effects.thermal_strain:ThermalStrainConfig",
-        "AirDrag": "exunet.forces.effects.air_drag:AirDragConfig",
-        "MolecularDrag": "exunet.forces.effects.molecular_drag:MolecularDragConfig",
-        "SolarPressure": "exunet.forces.effects.solar_pressure:SolarPressureConfig",
-        "Orbit": "exunet.forces.effects.orbit:OrbitConfig",
-        "J2": "exunet.forces.effects.j2:J2Config",
-        "SpringLaunchForce": "exunet.forces.effects.launch_force:SpringLaunchForceConfig",
-        "GasLaunchForce": "exunet.forces.effects.launch_force:GasLaunchForceConfig",
-        "Thrust": "exunet.forces.effects.thrust:ThrustConfig",
+        "SelfContact": "exunet.forces.effects.self_contact",
+        "Bending": "exunet.forces.effects.bending",
+        "Breaking": "exunet.forces.effects.breaking",
+        "ThermalStrain": "exunet.forces.effects.thermal_strain",
+        "AirDrag": "exunet.forces.effects.air_drag",
+        "MolecularDrag": "exunet.forces.effects.molecular_drag",
+        "SolarPressure": "exunet.forces.effects.solar_pressure",
+        "Orbit": "exunet.forces.effects.orbit",
+        "J2": "exunet.forces.effects.j2",
+        "SpringLaunchForce": "exunet.forces.effects.launch_force",
+        "GasLaunchForce": "exunet.forces.effects.launch_force",
+        "Thrust": "exunet.forces.effects.thrust",
     },
     "Step a simulation": {
         "Simulation": "exunet.simulation.simulation",
@@ -299,8 +299,7 @@ __all__ = ["__version__", *_HOME]
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'exunet' has no attribute {name!r}")
-    home, _, own = _HOME[name].partition(":")
-    value = getattr(import_module(home), own or name)
+    value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value  # so that this function is asked once for each name
     return value
 

@@ -189,14 +189,14 @@ def one_of(*records: type[Record]) -> Discriminator:
     return Discriminator(tag_of, custom_error_type="alternatives", custom_error_message=message)
 
 
-def config_of(module: ModuleType, suffix: str = "Config") -> Any:
-    """The record of a module: `AirDragConfig` of `air_drag`; of alternatives their union, `Any...Config`."""
+def config_of(module: ModuleType, suffix: str = "") -> Any:
+    """The record of a module: `AirDrag` of `air_drag`; of alternatives their union, `Any...`."""
     name = class_name(module, suffix)
     return getattr(module, f"Any{name}", None) or getattr(module, name)
 
 
-def class_name(module: ModuleType, suffix: str = "Config") -> str:
-    """`AirDragConfig` of a module `air_drag`."""
+def class_name(module: ModuleType, suffix: str = "") -> str:
+    """`AirDrag` of a module `air_drag`."""
     return "".join(part.title() for part in module.__name__.rpartition(".")[2].split("_")) + suffix
 
 

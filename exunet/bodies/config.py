@@ -150,7 +150,7 @@ class Dimensions(Record):
             yield Fault("radii", "must not both be zero")
 
 
-class PartConfig(Placed, Dimensions):
+class Part(Placed, Dimensions):
     """A solid that is part of a body."""
 
     shape: SolidName = Field(description="shape of the part")
@@ -171,13 +171,13 @@ class PartConfig(Placed, Dimensions):
         return replace(self.solid, position=self.position, attitude=self.quaternion)
 
 
-class AttachmentConfig(NodeConfig):
+class Attachment(NodeConfig):
     """A node of the net that is fixed to a point of a body."""
 
     point: Vector = Field(description="point of the body, in its frame [m]", examples=[[0.5, 0.0, 0.0]])
 
 
-class BodyThrustConfig(Record):
+class BodyThrust(Record):
     """Force and torque on a body over time, such as of its engines."""
 
     times: Annotated[tuple[NonNegative, ...], FromArray] | None = Field(
@@ -218,7 +218,7 @@ class BodyThrustConfig(Record):
                 yield Fault(name, words)
 
 
-class BodyConfig(Placed, Dimensions):
+class Body(Placed, Dimensions):
     """A rigid body with its shape, mass and inertia, its state at time 0 and its motion."""
 
     # Its frame is that in which its shape is drawn; without a shape its origin is the centre of mass.
@@ -314,13 +314,13 @@ class BodyConfig(Placed, Dimensions):
         "half a turn apart (by 1e-6 rad); without it the attitude is constant",
         examples=[[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.3]]],
     )
-    thrust: BodyThrustConfig | None = Field(None, description="force and torque on the body over time")
-    attachments: Mapping[Name, AttachmentConfig] = Field(
+    thrust: BodyThrust | None = Field(None, description="force and torque on the body over time")
+    attachments: Mapping[Name, Attachment] = Field(
         {},
         description="nodes of the net that are fixed to the body",
         json_schema_extra={"additionalProperties": False},
     )
-    parts: Mapping[Name, PartConfig] = Field(
+    parts: Mapping[Name, Part] = Field(
         {},
         description="instead of shape: solids that together are the body; volumes that they share count once "
         "for each",
@@ -423,7 +423,7 @@ class BodyConfig(Placed, Dimensions):
                 yield Fault(f"pose_attitudes[{k}]", f"{reason}: put a pose between them")
 
 
-Bodies = Mapping[Name, BodyConfig]
+Bodies = Mapping[Name, Body]
 
 
 def cross_checks(bodies: Bodies, end: float) -> Iterator[Fault]:

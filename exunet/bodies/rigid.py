@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import LARGEST, CaseError, Fault, InputError
-from exunet.bodies.config import BodyConfig, impossible
+from exunet.bodies.config import Body, impossible
 from exunet.bodies.mass_properties import MassDistribution, of_shape, principal, sum_of
 from exunet.bodies.mesh import read_mesh
 from exunet.bodies.rotations import product, rotation_matrix
@@ -140,7 +140,7 @@ _TOO_SMALL = (
 )
 
 
-def make_body(name: str, keys: BodyConfig, carried: Sequence[MassDistribution] = ()) -> RigidBody:
+def make_body(name: str, keys: Body, carried: Sequence[MassDistribution] = ()) -> RigidBody:
     """A body of keys that are valid, and what is fixed to it, in its frame.
 
     Raises CaseError for an invalid mesh or inertia.
@@ -173,7 +173,7 @@ def _beyond_floats(name: str, words: str) -> CaseError:
     return CaseError([Fault(f"bodies.{name}", words, beyond_floats=True)])
 
 
-def shape_of(name: str, keys: BodyConfig) -> Shape | None:
+def shape_of(name: str, keys: Body) -> Shape | None:
     """The shape of a body; None without one. Reads the file of a mesh."""
     rounding = keys.edge_radius or 0.0
     if keys.parts:
@@ -189,7 +189,7 @@ def shape_of(name: str, keys: BodyConfig) -> Shape | None:
     return Shape((keys.solid,), edge_radius=rounding) if keys.shape else None
 
 
-def distribution_of(name: str, keys: BodyConfig, shape: Shape | None) -> MassDistribution:
+def distribution_of(name: str, keys: Body, shape: Shape | None) -> MassDistribution:
     """Mass, centre of mass and inertia, in the axes of the body's frame."""
     even = None if shape is None else of_shape(shape)
     if keys.inertia is None:

@@ -31,9 +31,9 @@ from exunet.model.limits import (
     step_limit,
 )
 from exunet.net.arrays import Net
-from exunet.net.closing import PerimeterConfig
+from exunet.net.closing import Perimeter
 from exunet.net.folding import THREAD_ROUND_OFF, folded, threads
-from exunet.net.tether import TetherEndConfig
+from exunet.net.tether import TetherEnd
 from exunet.net.weave import nearest
 from exunet.results.table import mass_words
 from exunet.scene.casefile import Case, implausible
@@ -209,7 +209,7 @@ def _tethers(start: Start) -> list[tuple[str, str]]:
     return rows
 
 
-def _beside_body(start: Start, end: TetherEndConfig) -> str:
+def _beside_body(start: Start, end: TetherEnd) -> str:
     """Report an end that is fixed to a point outside its body, probably by mistake."""
     body = next((body for body in start.system.bodies if body.name == end.body), None)
     if body is None or body.shape is None or not body.shape.solids or end.point is None:
@@ -225,7 +225,7 @@ def _closing(start: Start) -> list[tuple[str, str]]:
     keys, line = start.scene.closing, start.system.line
     if keys is None:
         return []
-    if isinstance(keys, PerimeterConfig):
+    if isinstance(keys, Perimeter):
         return [("closing", f"the edge, from {keys.at:g} s on, to {keys.part:g} of its length")]
     assert line is not None
     path = float(way_of(line, start.position).sum())
@@ -246,7 +246,7 @@ def _script(start: Start) -> list[tuple[str, str]]:
     return rows
 
 
-def _tied(end: TetherEndConfig, net: Net) -> str:
+def _tied(end: TetherEnd, net: Net) -> str:
     if end.body is not None:
         return f"body {end.body}"
     if end.node is None:

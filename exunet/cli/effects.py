@@ -10,7 +10,7 @@ from exunet.cli.output import ProgressBar, print_columns, print_line, print_rich
 from exunet.forces.effects import EFFECTS
 from exunet.model.effect_survey import ASKED, Finding, survey
 from exunet.net import weave
-from exunet.net.closing import Perimeter, closing_of
+from exunet.net.closing import ShortenedEdge, closing_of
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
@@ -74,7 +74,7 @@ def of_closing(scene: Scene) -> str:
         return ""
     net = weave(scene.net)
     closing, share = closing_of(net, keys), "closing: on."
-    if isinstance(closing, Perimeter):
+    if isinstance(closing, ShortenedEdge):
         length = float(net.reference_length[list(closing.elements)].sum())
         speed = length * closing.rate / (2.0 * math.pi)
         return f"{share} The edge of {length:.3g} m is drawn inward at {speed:.1e} m/s"

@@ -34,7 +34,7 @@ from exunet.forces.law import STRETCH_BOUND, green_lagrange_strain, strain_at, s
 from exunet.forces.loops import Index
 from exunet.forces.reel import NOTHING_ASKED, command_name, winding_rate
 from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Series, Switch
-from exunet.net.closing import NAME, SLOWS, ClosingLine
+from exunet.net.closing import NAME, SLOWS, LineThroughRings
 
 
 def slope_of(line: Any, k: int) -> float:
@@ -557,7 +557,7 @@ _SERIES = {  # fields of the status: units
 _STRAIN = 0.01  # up to which the bound for the step counts what the tension itself adds to the stiffness
 
 
-def states_of(line: ClosingLine, position: Floats, ratio: float, time: float) -> tuple[FirstOrder, ...]:
+def states_of(line: LineThroughRings, position: Floats, ratio: float, time: float) -> tuple[FirstOrder, ...]:
     """Length wound up [m], work of the winch on the line [J]; what viscous stress has taken [J], if there is
     any; with friction what that has taken, and elastic energy [J].
 
@@ -576,7 +576,7 @@ def states_of(line: ClosingLine, position: Floats, ratio: float, time: float) ->
     return *states, taken, FirstOrder(f"{NAME}/elastic", (energy,), "J")
 
 
-def way_of(line: ClosingLine, position: Floats) -> Floats:
+def way_of(line: LineThroughRings, position: Floats) -> Floats:
     """(n,) way of each piece of the line [m]; position (n_nodes, 3) [m]."""
     apart = np.linalg.norm(np.diff(position[list(line.path)], axis=0), axis=1)
     u = np.minimum(apart / line.ring_diameter, 1.0)
@@ -591,7 +591,7 @@ class Drawstring:
     time  : relaxation time of viscous stress [s]; 0.0 without it, as for a line with friction
     """
 
-    line: ClosingLine
+    line: LineThroughRings
     blocks: Blocks
     ratio: float = 1.0
     time: float = 0.0
@@ -746,7 +746,7 @@ class WinchCommands(Switch):
 
     heading = NAME
 
-    def __init__(self, line: ClosingLine) -> None:
+    def __init__(self, line: LineThroughRings) -> None:
         self.times = line.times
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:

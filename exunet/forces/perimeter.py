@@ -22,12 +22,12 @@ from exunet.forces.cable import Law
 from exunet.forces.law import green_lagrange_strain, strain_at
 from exunet.forces.loops import Index
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
-from exunet.net.closing import NAME, Perimeter
+from exunet.net.closing import NAME, ShortenedEdge
 
 _MEMORY = f"{NAME}/perimeter"
 
 
-def states_of(perimeter: Perimeter) -> tuple[FirstOrder, FirstOrder]:
+def states_of(perimeter: ShortenedEdge) -> tuple[FirstOrder, FirstOrder]:
     """The part of the length that is left, and the work that was done on the threads [J]."""
     return FirstOrder(f"{NAME}/part", (1.0,)), FirstOrder(f"{NAME}/work", (0.0,), "J", gives=1.0)
 
@@ -56,7 +56,7 @@ class Threads(NamedTuple):
 class Shortening:
     """A perimeter in a scene; law : of all elements."""
 
-    perimeter: Perimeter
+    perimeter: ShortenedEdge
     blocks: Blocks
     law: Law
 

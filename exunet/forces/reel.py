@@ -28,7 +28,7 @@ from exunet.forces.law import green_lagrange_strain, growth_at, hooke_tension, s
 from exunet.forces.law import tension as tension_of
 from exunet.forces.loops import Index
 from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
-from exunet.net.tether import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, Reel
+from exunet.net.tether import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, ReeledTether
 
 
 class Outlet(NamedTuple):
@@ -175,7 +175,7 @@ def step_to_node(step: float, least: float, x: Any, v: Any, outlet: Any) -> floa
 NOTHING_ASKED = np.zeros(4)
 
 
-def memory_name(reel: Reel) -> str:
+def memory_name(reel: ReeledTether) -> str:
     """Of the memory: number of nodes on the drum, number of commands that have come."""
     return f"{reel.name}/reel"
 
@@ -185,7 +185,7 @@ def command_name(tether: str) -> str:
     return f"reel/{tether}"
 
 
-def states_of(reel: Reel) -> tuple[FirstOrder, FirstOrder]:
+def states_of(reel: ReeledTether) -> tuple[FirstOrder, FirstOrder]:
     """Length wound up [m], and work that the drum has done on the tether [J]."""
     wound = FirstOrder(f"{reel.name}/wound_up", (reel.wound,), "m")
     return wound, FirstOrder(f"{reel.name}/work", (0.0,), "J", gives=1.0)
@@ -196,7 +196,7 @@ def states_of(reel: Reel) -> tuple[FirstOrder, FirstOrder]:
 ON_DRUM, COMMANDED, ASKED = 0, 1, 2
 
 
-def at_start(reel: Reel) -> Floats:
+def at_start(reel: ReeledTether) -> Floats:
     """The memory at time 0."""
     return np.array([float(reel.on_drum), float(np.searchsorted(reel.times, 0.0, side="right"))])
 
@@ -208,7 +208,7 @@ class Winding:
     law : of all elements
     """
 
-    reel: Reel
+    reel: ReeledTether
     blocks: Blocks
     law: Law
 

@@ -64,8 +64,8 @@ from exunet.model.script import script_of
 from exunet.model.system import InitialEjection, State, System
 from exunet.net import weave
 from exunet.net.arrays import Net
-from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
-from exunet.net.tether import Reel, TiedPoint, reels_of, with_tethers
+from exunet.net.closing import LineThroughRings, ShortenedEdge, closing_of, with_mass_of
+from exunet.net.tether import ReeledTether, TiedPoint, reels_of, with_tethers
 from exunet.scene.scene import Scene
 from exunet.scene.script import ejects, released, thrust_bodies
 
@@ -134,13 +134,13 @@ class Threads:
     woven: Net
     net: Net
     tied: tuple[TiedPoint, ...]
-    reels: tuple[Reel, ...]
-    closing: ClosingLine | Perimeter | None
+    reels: tuple[ReeledTether, ...]
+    closing: LineThroughRings | ShortenedEdge | None
 
     @property
-    def line(self) -> ClosingLine | None:
+    def line(self) -> LineThroughRings | None:
         """Closing line, if any."""
-        return self.closing if isinstance(self.closing, ClosingLine) else None
+        return self.closing if isinstance(self.closing, LineThroughRings) else None
 
 
 def threads_of(scene: Scene, restart: Restart | None = None) -> Threads:
@@ -154,7 +154,7 @@ def threads_of(scene: Scene, restart: Restart | None = None) -> Threads:
         scene = restart.with_wound_up(scene)
     net = _with_strength(net, scene)
     closing = None if scene.closing is None else closing_of(net, scene.closing)
-    if isinstance(closing, ClosingLine):
+    if isinstance(closing, LineThroughRings):
         net = with_mass_of(net, closing)
         closing = closing if restart is None else restart.with_wound_line(closing)
     return Threads(woven, net, tied, reels_of(net, scene.tethers), closing)
@@ -235,7 +235,7 @@ def components_of(scene: Scene, threads: Threads, start: AtStart) -> tuple[Compo
     found: list[Component] = []
     if threads.reels:
         found.append(Reels(threads.reels, kinematics))
-    if isinstance(threads.closing, Perimeter):
+    if isinstance(threads.closing, ShortenedEdge):
         found.append(ShorterEdge(threads.closing))
     if threads.line is not None:
         found.append(DrawnLine.of(threads.line, scene.effects, start.position))

@@ -12,7 +12,7 @@ import numpy as np
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import LARGEST, Fault
 from exunet.base.record import Record
-from exunet.bodies.config import BodyThrustConfig
+from exunet.bodies.config import BodyThrust
 from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidBody
 from exunet.forces import body_thrust, closing, corner_units, perimeter, reel
@@ -39,10 +39,10 @@ from exunet.forces.total import Forces
 from exunet.model.ejection import exchanged
 from exunet.model.script import with_inputs
 from exunet.model.system import Layout, Moving
-from exunet.net.closing import ClosingLine, Perimeter
+from exunet.net.closing import LineThroughRings, ShortenedEdge
 from exunet.net.drive import Drive
-from exunet.net.tether import Reel
-from exunet.scene.script import Entry, begins_a_thrust, begins_control
+from exunet.net.tether import ReeledTether
+from exunet.scene.script import ScriptEntry, begins_a_thrust, begins_control
 
 _COMMAND, _ON, _OFF = range(3)
 _NOTHING = np.zeros(0, dtype=np.int64)
@@ -189,7 +189,7 @@ def _with_kernels(forces: Forces, *kernels: KernelTerm) -> Forces:
 class Reels:
     """Reels of tethers, which replace the cable law of their outlets."""
 
-    reels: tuple[Reel, ...]
+    reels: tuple[ReeledTether, ...]
     kinematics: Kinematics
 
     @property
@@ -206,7 +206,7 @@ class Reels:
 class ShorterEdge:
     """Edge of the net that becomes shorter."""
 
-    edge: Perimeter
+    edge: ShortenedEdge
 
     @property
     def states(self) -> tuple[FirstOrder, ...]:
@@ -226,13 +226,13 @@ class DrawnLine:
     ratio, time : as `Drawstring`
     """
 
-    line: ClosingLine
+    line: LineThroughRings
     states: tuple[FirstOrder, ...]
     ratio: float
     time: float
 
     @classmethod
-    def of(cls, line: ClosingLine, effects: Record, position: Floats) -> DrawnLine:
+    def of(cls, line: LineThroughRings, effects: Record, position: Floats) -> DrawnLine:
         """Return the line of a net with nodes at position (n_nodes, 3) [m]."""
         warm, damped = (getattr(effects, name, None) for name in ("thermal_strain", "material_damping"))
         ratio = 1.0 if warm is None else float(np.sqrt(1.0 + 2.0 * warm.free_strain))
@@ -276,7 +276,7 @@ class CornerUnits:
 
     control: Control
     kinematics: Kinematics
-    script: tuple[Entry, ...]
+    script: tuple[ScriptEntry, ...]
     counted: bool
 
     @property
@@ -300,7 +300,7 @@ class BodyThrusts:
     """
 
     bodies: tuple[RigidBody, ...]
-    keys: Mapping[str, BodyThrustConfig | None]
+    keys: Mapping[str, BodyThrust | None]
     scripted: frozenset[str]
 
     @property
@@ -309,7 +309,7 @@ class BodyThrusts:
 
     def add(self, forces: Forces, blocks: Blocks, faults: list[Fault]) -> Forces:
         for body in self.bodies:
-            keys = self.keys[body.name] or BodyThrustConfig.model_validate({})
+            keys = self.keys[body.name] or BodyThrust.model_validate({})
             arm, in_body = body.in_principal_axes(keys.point), keys.axes == "body"
             thruster = Thruster(body.name, arm, body.rotation.T if in_body else np.eye(3), in_body)
             if keys.times is not None:
@@ -329,7 +329,7 @@ class BodyThrusts:
 class ScriptedForces:
     """What the script of a case does to forces: thrusts wait, threads may be cut, coefficients are inputs."""
 
-    script: tuple[Entry, ...]
+    script: tuple[ScriptEntry, ...]
     states: tuple[FirstOrder, ...] = ()
 
     def add(self, forces: Forces, blocks: Blocks, faults: list[Fault]) -> Forces:

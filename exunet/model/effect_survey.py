@@ -33,8 +33,7 @@ from exunet.forces.effects import (
     touches_bodies,
     touching_pairs,
 )
-from exunet.forces.effects.contact import ContactConfig
-from exunet.forces.effects.contact import ContactConfig as Contact
+from exunet.forces.effects.contact import Contact
 from exunet.forces.environment import CircularOrbitConfig
 from exunet.forces.estimate import Approach, Estimate, EstimateBasis, Meeting
 from exunet.forces.linear_term import LinearTerm
@@ -52,9 +51,7 @@ _STEPS = 2000  # at most over the duration, the resolution of the time of contac
 _BULLETS, _NODES, _THREADS = "bullets", "nodes", "threads"
 
 
-def approaches(
-    keys: ContactConfig, basis: EstimateBasis, system: System, state: State
-) -> tuple[Approach, ...]:
+def approaches(keys: Contact, basis: EstimateBasis, system: System, state: State) -> tuple[Approach, ...]:
     """Find the first approach of threads, nodes or bullets to each body in contact.
 
     A body whose canister holds the net is left out: how the net leaves it is not known.
@@ -228,7 +225,7 @@ def setting_of(scene: Scene, without: str = "", duration: float | None = None) -
     position, velocity = initial_state(scene, net)
     on = switched_on(scene.effects)
     launch, orbit = on.get("launch_force"), on.get("orbit")
-    if isinstance(launch, launch_force.LaunchForceConfig) and without != "launch_force":
+    if isinstance(launch, launch_force.LaunchForce) and without != "launch_force":
         mass = net.mass[net.bullet_nodes]
         speed = np.sqrt(2.0 * launch.work / mass)
         velocity[net.bullet_nodes] += speed[:, None] * launch_force.barrels(launch, net)

@@ -11,7 +11,7 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Fault, joining
-from exunet.bodies.config import BodyConfig, unit_quaternion
+from exunet.bodies.config import Body, unit_quaternion
 from exunet.bodies.distance import overlap
 from exunet.bodies.kinematics import Kinematics, given_states
 from exunet.bodies.mass_properties import point_mass
@@ -25,9 +25,9 @@ from exunet.forces.reel import memory_name
 from exunet.net import explicit, weave
 from exunet.net.arrays import Ints, Net
 from exunet.net.closing import NAME as CLOSING
-from exunet.net.closing import ClosingLine
+from exunet.net.closing import LineThroughRings
 from exunet.net.folding import folded
-from exunet.net.tether import Reel, TiedPoint
+from exunet.net.tether import ReeledTether, TiedPoint
 from exunet.net.weave import between
 from exunet.scene.scene import Initial, Scene
 
@@ -51,10 +51,10 @@ def packed_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
         position = folded(net, scene.net, initial.fold).position
     else:
         position = initial.deployed * net.reference_position
-    if isinstance(scene.net, explicit.ExplicitNetConfig) and initial.node_positions is not None:
+    if isinstance(scene.net, explicit.ExplicitNet) and initial.node_positions is not None:
         position = _of_all_nodes(initial.node_positions, scene.net)
     velocity = common_velocity(initial, position)
-    if isinstance(scene.net, explicit.ExplicitNetConfig) and initial.node_velocities is not None:
+    if isinstance(scene.net, explicit.ExplicitNet) and initial.node_velocities is not None:
         velocity += _of_all_nodes(initial.node_velocities, scene.net)
     velocity[net.fixed_nodes] = 0.0
     return position, velocity
@@ -77,7 +77,9 @@ def kicks(scene: Scene, net: Net) -> Floats:
     return velocity
 
 
-def along_tethers(net: Net, reels: tuple[Reel, ...], position: Floats, velocity: Floats) -> Iterator[Fault]:
+def along_tethers(
+    net: Net, reels: tuple[ReeledTether, ...], position: Floats, velocity: Floats
+) -> Iterator[Fault]:
     """Set the inner nodes of tethers evenly between their ends, in place; yield a fault of each short tether.
 
     Nodes of a tether on a reel divide the distance as they divide the length outside.
@@ -104,7 +106,7 @@ def along_tethers(net: Net, reels: tuple[Reel, ...], position: Floats, velocity:
             yield Fault(f"tethers.{tether.name}.{key}", words, beyond_floats=beyond)
 
 
-def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.ExplicitNetConfig) -> Floats:
+def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.ExplicitNet) -> Floats:
     """Return values of listed nodes and, interpolated, of the inner nodes of divided elements."""
     values = np.array(listed, dtype=float)
     return np.concatenate([values, between(values, keys.listed.elements, keys.divisions)])
@@ -252,7 +254,7 @@ class Restart:
         is_length = state.name.endswith("/wound_up") or state.name == f"{CLOSING}/part"
         return replace(state, initial=tuple(value.tolist())) if is_length and value is not None else state
 
-    def with_wound_line(self, line: ClosingLine) -> ClosingLine:
+    def with_wound_line(self, line: LineThroughRings) -> LineThroughRings:
         """Return a closing line with the length that was wound up; raise CaseError if none is left."""
         wound = self.wound(CLOSING)
         if wound >= line.length:
@@ -300,7 +302,7 @@ def bodies_at_start(
     scene: Scene,
     net: Net,
     tied: tuple[TiedPoint, ...],
-    reels: tuple[Reel, ...],
+    reels: tuple[ReeledTether, ...],
     faults: list[Fault],
     restart: Restart | None = None,
     releases: Mapping[str, bool] | None = None,
@@ -313,7 +315,7 @@ def bodies_at_start(
         Scene and its net, tethers included.
     tied : tuple of TiedPoint
         Nodes at ends of tethers.
-    reels : tuple of Reel
+    reels : tuple of ReeledTether
         Reels, whose drums hold nodes of tethers.
     faults : list of Fault
         Receives the faults of overlapping bodies.
@@ -380,7 +382,7 @@ def _without_released(start: _Start, body: RigidBody, whole: RigidBody, *, moved
     return place + turn @ lever * moved, velocity + turn @ np.cross(spin, lever), attitude, spin
 
 
-def _loaded(name: str, keys: BodyConfig, net: Net, points: list[TiedPoint]) -> RigidBody:
+def _loaded(name: str, keys: Body, net: Net, points: list[TiedPoint]) -> RigidBody:
     """Make a body with its attached nodes; a prescribed body keeps its own centre of mass.
 
     A port is the body that its host moves, attached nodes included.
@@ -448,7 +450,7 @@ def _attached(bodies: list[RigidBody], attached: dict[str, list[TiedPoint]]) -> 
 
 
 def _on_drums(
-    bodies: list[RigidBody], net: Net, tied: tuple[TiedPoint, ...], reels: tuple[Reel, ...]
+    bodies: list[RigidBody], net: Net, tied: tuple[TiedPoint, ...], reels: tuple[ReeledTether, ...]
 ) -> tuple[Held, ...]:
     """Return the inner nodes of tethers on reels; on the drum, all are at one point."""
     found, names = [], [body.name for body in bodies]
@@ -461,7 +463,7 @@ def _on_drums(
     return tuple(found)
 
 
-def _start_of(body: RigidBody, keys: BodyConfig, restart: Restart | None) -> _Start:
+def _start_of(body: RigidBody, keys: Body, restart: Restart | None) -> _Start:
     """Return position and velocity of the centre of mass, attitude and spin of the principal axes.
 
     A prescribed body starts where another run left it, with the velocities of the case.
@@ -483,7 +485,7 @@ def _start_of(body: RigidBody, keys: BodyConfig, restart: Restart | None) -> _St
     return position, velocity, product(frame, np.array(body.axes)), spin @ body.rotation
 
 
-def _guide(body: RigidBody, keys: BodyConfig, restart: Restart | None) -> Guide:
+def _guide(body: RigidBody, keys: Body, restart: Restart | None) -> Guide:
     """Return the motion of a fixed or prescribed body, or of a port at the start."""
     if keys.pose_times is None:
         return Guide.steady(*_start_of(body, keys, restart))

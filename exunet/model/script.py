@@ -45,7 +45,7 @@ from exunet.model.system import System
 from exunet.net.areas import mouth_against, mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.drive import WITHOUT_LIMIT
-from exunet.scene.script import QUANTITIES, Entry, begins_a_thrust, conflict, drive_of
+from exunet.scene.script import QUANTITIES, ScriptEntry, begins_a_thrust, conflict, drive_of
 
 _CONTACT = "contact/"
 _OF_CENTRE = frozenset(("range", "relative_speed"))
@@ -294,12 +294,12 @@ def input_name(parameter: str) -> str:
     return f"set/{parameter}"
 
 
-def inputs_of(entries: Iterable[Entry]) -> frozenset[str]:
+def inputs_of(entries: Iterable[ScriptEntry]) -> frozenset[str]:
     """Return the names of the inputs that entries set."""
     return frozenset(input_name(entry.on) for entry in entries if entry.do == "set" and entry.on in _FRICTION)
 
 
-def with_inputs(forces: Forces, entries: Iterable[Entry]) -> Forces:
+def with_inputs(forces: Forces, entries: Iterable[ScriptEntry]) -> Forces:
     """Return the forces with inputs for what entries set, and elements that may become softer."""
     names = inputs_of(entries)
     kernels = tuple(_with_friction(term, names) for term in forces.kernels)
@@ -385,7 +385,7 @@ class ScriptEvents(Watch):
     heading = HEADING
 
     def __init__(
-        self, entries: tuple[Entry, ...], sources: Sources, damping: Mapping[str, float | None]
+        self, entries: tuple[ScriptEntry, ...], sources: Sources, damping: Mapping[str, float | None]
     ) -> None:
         self._entries, self._sources, self._damping = entries, sources, damping
         self._conditions = [entry.condition for entry in entries]
@@ -431,7 +431,7 @@ class ScriptEvents(Watch):
         """Return True while a condition is evaluated."""
         return bool(self._watched(memory))
 
-    def _moment(self, entry: Entry, rows: list[Row]) -> float:
+    def _moment(self, entry: ScriptEntry, rows: list[Row]) -> float:
         """Return the time from which an entry may happen [s]; infinite while unknown."""
         if entry.at is not None:
             return entry.at
@@ -524,7 +524,7 @@ class ScriptEvents(Watch):
         """Return until when a condition must stay true [s]."""
         return row.true + (self._entries[number].hold or 0.0)
 
-    def _is_barred(self, entry: Entry, rows: list[Row]) -> bool:
+    def _is_barred(self, entry: ScriptEntry, rows: list[Row]) -> bool:
         return entry.unless is not None and rows[self._numbers[entry.unless]].times > 0.0
 
     def comes_true(self, steps: Seen) -> int | None:
@@ -695,7 +695,7 @@ class ScriptEvents(Watch):
             elif entry.do != "release" and name.startswith(f"tethers.{entry.drive}."):
                 yield f"no effect: its {name.rpartition('.')[2]} has been released"
 
-    def _cut_at(self, entry: Entry) -> int:
+    def _cut_at(self, entry: ScriptEntry) -> int:
         """Return the element to cut: the first of a tether."""
         assert entry.on is not None
         return self._sources.system.net.tether_elements[entry.on].start
@@ -707,7 +707,7 @@ class ScriptEvents(Watch):
         x, v = system.layout.pack(moving)
         return {"x": x, "v": v, "others": {system.kinematics.ties[tie].memory: np.zeros(1)}}
 
-    def _commands(self, entry: Entry) -> dict[str, Floats]:
+    def _commands(self, entry: ScriptEntry) -> dict[str, Floats]:
         """Return the input of the drive that an entry commands."""
         if entry.drive is None:
             return {}
@@ -723,7 +723,7 @@ class ScriptEvents(Watch):
         return Change(after, more=not stops, **what)
 
     @staticmethod
-    def _event(entry: Entry, time: float, words: str) -> dict[str, Any]:
+    def _event(entry: ScriptEntry, time: float, words: str) -> dict[str, Any]:
         cause = entry.trigger_words
         return {"time_s": time, "entry": entry.name, "cause": cause, "event": words, "done": False}
 
@@ -735,7 +735,7 @@ class Script:
     damping : of each drive [N s/m]
     """
 
-    entries: tuple[Entry, ...]
+    entries: tuple[ScriptEntry, ...]
     sources: Sources
     damping: dict[str, float | None]
     acts_on: str = field(default="nothing", init=False)
@@ -771,7 +771,7 @@ class Script:
         return drives | inputs_of(self.entries)
 
 
-def script_of(entries: tuple[Entry, ...], system: System, target: str | None) -> Script:
+def script_of(entries: tuple[ScriptEntry, ...], system: System, target: str | None) -> Script:
     """Make the script of a scene over its system; target : name of the body to capture."""
     drives: dict[str, float | None]
     drives = {winding.reel.name: winding.reel.damping for winding in system.forces.cable.reels}

@@ -18,7 +18,7 @@ from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces
 from exunet.net.arrays import Net
-from exunet.net.closing import ClosingLine
+from exunet.net.closing import LineThroughRings
 
 _OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
 
@@ -57,7 +57,7 @@ class System:
         Degrees of freedom without equations of motion; the constraint among the forces states the same.
     ejection : InitialEjection or None
         Ejection of a net at time 0.
-    line : ClosingLine or None
+    line : LineThroughRings or None
         Closing line through rings at nodes of the net.
     """
 
@@ -66,7 +66,7 @@ class System:
     bodies: tuple[RigidBody, ...] = ()
     kinematics: Kinematics = field(default_factory=Kinematics)
     ejection: InitialEjection | None = None
-    line: ClosingLine | None = None
+    line: LineThroughRings | None = None
 
     @property
     def net(self) -> Net:

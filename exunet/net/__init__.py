@@ -1,6 +1,6 @@
 """Topologies: one file each, listed here. `net.topology` in the case names one.
 
-A new topology `spiral` is a module with `SpiralNetConfig` (a NetConfig or ThrownNetConfig with
+A new topology `spiral` is a module with `SpiralNet` (a NetConfig or ThrownNetConfig with
 `topology: Literal["spiral"]`) and `mesh(keys) -> Mesh`; and one line in `_NAMES`. With
 `fold_lines(keys)` its nets can be folded as an accordion (exunet.net.folding).
 """
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     AnyNetConfig = NetConfig
 else:
     AnyNetConfig = Annotated[
-        Union[tuple(config_of(module, "NetConfig") for module in TOPOLOGIES.values())],  # noqa: UP007 - made from the registry
+        Union[tuple(config_of(module, "Net") for module in TOPOLOGIES.values())],  # noqa: UP007 - made from the registry
         Field(discriminator="topology"),
     ]
 

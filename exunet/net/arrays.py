@@ -61,7 +61,7 @@ class Mesh:
 
 
 @dataclass(frozen=True)
-class Tether:
+class TetherNodes:
     """A cable beside the net.
 
     first : its own nodes are numbered from here on; an end may be a node of the net
@@ -119,7 +119,7 @@ class Net(ShortRepr):
     fixed_nodes: Ints
     faces: tuple[tuple[int, ...], ...] = ()
     mouth: tuple[int, ...] = ()
-    tethers: tuple[Tether, ...] = ()
+    tethers: tuple[TetherNodes, ...] = ()
     strength: Floats | None = None
     knots: Ints = field(default_factory=_no_indexes)
     law_number: Ints | None = None

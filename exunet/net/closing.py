@@ -46,7 +46,7 @@ class Winch(DriveConfig):
     )
 
 
-class ClosingLineConfig(Record):
+class ClosingLine(Record):
     """A line through rings, perhaps with a winch."""
 
     TABLE: ClassVar = "closing"
@@ -108,7 +108,7 @@ class ClosingLineConfig(Record):
             yield Fault("winch.shortest", f"{words}: there is nothing to wind up")
 
 
-class PerimeterConfig(Record):
+class Perimeter(Record):
     """Threads of the net's edge that become shorter."""
 
     TABLE: ClassVar = "closing"
@@ -122,11 +122,11 @@ class PerimeterConfig(Record):
     )
 
 
-Closing = Annotated[ClosingLineConfig | PerimeterConfig, Field(discriminator="kind")]
+Closing = Annotated[ClosingLine | Perimeter, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True)
-class ClosingLine:
+class LineThroughRings:
     """A line through rings.
 
     path      : nodes along it, ends included; the first and the last are the same for a loop
@@ -137,7 +137,7 @@ class ClosingLine:
     friction  : mu
     strength  : [N]; None: not known
     winch_at_end : False for one at the start
-    shortest, largest_rate, times, drives, damping : of the winch, as of a `Reel`
+    shortest, largest_rate, times, drives, damping : of the winch, as of a `ReeledTether`
     has_winch : False for a line of constant length
     wound     : length wound up at time 0 [m]
     """
@@ -175,7 +175,7 @@ class ClosingLine:
 
 
 @dataclass(frozen=True)
-class Perimeter:
+class ShortenedEdge:
     """Elements that become shorter: from `at` [s] by `rate` [1/s] of their length, until `part` is left."""
 
     elements: tuple[int, ...]
@@ -184,16 +184,16 @@ class Perimeter:
     part: float
 
 
-def closing_of(net: Net, keys: ClosingLineConfig | PerimeterConfig) -> ClosingLine | Perimeter:
+def closing_of(net: Net, keys: ClosingLine | Perimeter) -> LineThroughRings | ShortenedEdge:
     """What closes a net; raises CaseError for nodes, bullets and tethers that it does not have."""
-    if isinstance(keys, PerimeterConfig):
+    if isinstance(keys, Perimeter):
         loop = _edge(net, "kind")
         pairs = {frozenset(pair) for pair in pairwise((*loop, loop[0]))}
         own = range(net.n_net_elements)
         elements = tuple(e for e in own if frozenset(net.element_nodes[e].tolist()) in pairs)
-        return Perimeter(elements, keys.at, keys.rate, keys.part)
+        return ShortenedEdge(elements, keys.at, keys.rate, keys.part)
     winch = keys.winch
-    line = ClosingLine(
+    line = LineThroughRings(
         _path(net, keys),
         keys.length,
         keys.stiffness,
@@ -216,7 +216,7 @@ def closing_of(net: Net, keys: ClosingLineConfig | PerimeterConfig) -> ClosingLi
     )
 
 
-def with_mass_of(net: Net, line: ClosingLine) -> Net:
+def with_mass_of(net: Net, line: LineThroughRings) -> Net:
     """The net with the mass of a line at its nodes: an equal share of each piece, half at either end."""
     if line.linear_density == 0.0:
         return net
@@ -228,7 +228,7 @@ def with_mass_of(net: Net, line: ClosingLine) -> Net:
     return replace(net, mass=mass)
 
 
-def _path(net: Net, keys: ClosingLineConfig) -> tuple[int, ...]:
+def _path(net: Net, keys: ClosingLine) -> tuple[int, ...]:
     faults = list[Fault]()
     if keys.nodes is not None:
         rings = _rings(net, keys.nodes, faults)

@@ -260,7 +260,7 @@ _Shape = Literal["square", "triangle", "hexagon"]
 _Outline = Literal["square", "hexagon", "octagon", "circle"]
 
 
-class CutNetConfig(ThrownNetConfig):
+class CutNet(ThrownNetConfig):
     """Meshes cut to an outline, with a bullet at each of its corners."""
 
     topology: Literal["cut"] = Field(description="meshes cut to an outline, with a border")
@@ -307,7 +307,7 @@ class CutNetConfig(ThrownNetConfig):
         yield from super().faults()
 
 
-def _unfit(keys: CutNetConfig) -> Iterator[Fault]:
+def _unfit(keys: CutNet) -> Iterator[Fault]:
     shape, corners = OutlineShape(keys.outline), keys.n_corners
     if not corners:
         return
@@ -319,12 +319,12 @@ def _unfit(keys: CutNetConfig) -> Iterator[Fault]:
         yield Fault("mesh", words)
 
 
-def mesh(keys: CutNetConfig) -> Mesh:
+def mesh(keys: CutNet) -> Mesh:
     """Inner knots row by row from below, then those of the border anticlockwise from its first corner."""
     return _cut(OutlineShape(keys.outline), MeshShape(keys.mesh_shape), keys.size, keys.mesh, keys.corners)
 
 
-def fold_lines(keys: CutNetConfig) -> tuple[Floats, Floats]:
+def fold_lines(keys: CutNet) -> tuple[Floats, Floats]:
     """x, and y, of the lattice's lines; where the cut moved knots, some may be crossed near the border."""
     reach = _reach(OutlineShape(keys.outline), keys.size)
     return lines(MeshShape(keys.mesh_shape), keys.mesh, reach, _odd(keys.size, keys.mesh))

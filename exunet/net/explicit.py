@@ -45,7 +45,7 @@ class Listed(NamedTuple):
     lines: tuple[int, ...]
 
 
-class ExplicitNetConfig(ThrownNetConfig):
+class ExplicitNet(ThrownNetConfig):
     """Any arrangement of nodes and cable elements, listed here or in files."""
 
     EXACTLY_ONE: ClassVar = ("nodes", "nodes_file")
@@ -109,7 +109,7 @@ class ExplicitNetConfig(ThrownNetConfig):
 
     def __eq__(self, other: object) -> bool:
         """Compare the keys, not the cached arrays."""
-        if not isinstance(other, ExplicitNetConfig):
+        if not isinstance(other, ExplicitNet):
             return NotImplemented
         return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
 
@@ -260,7 +260,7 @@ class ExplicitNetConfig(ThrownNetConfig):
         return planar_openings(self.listed.nodes, self.listed.elements)
 
 
-def mesh(keys: ExplicitNetConfig) -> Mesh:
+def mesh(keys: ExplicitNet) -> Mesh:
     """The nodes and elements as listed; meshes if the net has corners and is planar."""
     nodes, elements, masses, threads, _ = keys.listed
     corners: Ints = np.array(keys.corners or (), dtype=np.int64)

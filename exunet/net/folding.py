@@ -37,7 +37,7 @@ from exunet.base.record import FromArray, Positive, Record
 from exunet.net import TOPOLOGIES, radial
 from exunet.net.arrays import Floats, Ints, Net
 from exunet.net.base import NetConfig
-from exunet.net.radial import RadialNetConfig, mesh
+from exunet.net.radial import RadialNet, mesh
 from exunet.net.weave import NearestElements, between, between_segments, nearest
 
 MEET = 1e-7  # threads between the middles of two: they go through each other, to round-off
@@ -613,7 +613,7 @@ def folded(net: Net, keys: NetConfig, fold: Fold) -> Folded:
 
     Raises CaseError if it does not fit, with a size that would do.
     """
-    if fold.pattern == "star" and isinstance(keys, radial.RadialNetConfig):
+    if fold.pattern == "star" and isinstance(keys, radial.RadialNet):
         return star(net, keys, fold)
     return accordion(net, TOPOLOGIES[keys.topology].fold_lines(keys), fold)
 
@@ -625,7 +625,7 @@ def cross_checks(keys: NetConfig, fold: Fold) -> Iterator[Fault]:
         reason = f"{keys.topology} nets have no lines to crease them along; {known} nets have"
         yield Fault("pattern", reason)
     if fold.pattern == "star":
-        if not isinstance(keys, radial.RadialNetConfig):
+        if not isinstance(keys, radial.RadialNet):
             why = "a star is creased along spokes"
             if keys.topology == "cut":
                 why += ", and a border cut from meshes has no knots there to bend at"
@@ -647,7 +647,7 @@ def _creased() -> dict[str, ModuleType]:
 _KEPT = 0.99  # of lengths, where there is a choice
 
 
-def star(net: Net, keys: RadialNetConfig, fold: Fold) -> Folded:
+def star(net: Net, keys: RadialNet, fold: Fold) -> Folded:
     """A radial net with an even number of spokes, folded into the canister.
 
     Raises CaseError if it does not fit, with a size that would do.
@@ -685,7 +685,7 @@ def star(net: Net, keys: RadialNetConfig, fold: Fold) -> Folded:
     raise fold.too_small(words, fold.holding(needed))
 
 
-def _star_folded(net: Net, keys: RadialNetConfig, per_pleat: int, fold: Fold) -> Folded:
+def _star_folded(net: Net, keys: RadialNet, per_pleat: int, fold: Fold) -> Folded:
     """The whole net; raises CaseError if its threads are too thick, or it would not keep its lengths."""
     layer = spread(lambda layer: _star_laid(net, keys, per_pleat, layer, fold)[0], net, fold)
     position, size = _star_laid(net, keys, per_pleat, layer, fold)
@@ -695,9 +695,7 @@ def _star_folded(net: Net, keys: RadialNetConfig, per_pleat: int, fold: Fold) ->
     return Folded(position, f"{keys.spokes // 2} arms, {pleats} pleats along the axis", pleats, size)
 
 
-def _star_laid(
-    net: Net, keys: RadialNetConfig, per_pleat: int, layer: float, fold: Fold
-) -> tuple[Floats, Floats]:
+def _star_laid(net: Net, keys: RadialNet, per_pleat: int, layer: float, fold: Fold) -> tuple[Floats, Floats]:
     """Positions (n_nodes, 3), of strings anywhere, and edges (3,) of the box round the net [m]."""
     knots = _knots(keys, per_pleat, layer)
     if knots is None:
@@ -716,7 +714,7 @@ def _star_laid(
     return position, size
 
 
-def _knots(keys: RadialNetConfig, per_pleat: int, layer: float) -> Floats | None:
+def _knots(keys: RadialNet, per_pleat: int, layer: float) -> Floats | None:
     """(n_knots, 3) places of hub and knots, ring by ring as in `radial.mesh`; None without such places.
 
     per_pleat : rings that the net goes along the axis before it turns

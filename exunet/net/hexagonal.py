@@ -21,7 +21,7 @@ _VERTICES = np.array([(1, 1), (0, 2), (-1, 1), (-1, -1), (0, -2), (1, -1)])  # a
 _CORNER_CELLS = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])  # (q, r) / R at 0, 60, ... 300
 
 
-class HexagonalNetConfig(ThrownNetConfig):
+class HexagonalNet(ThrownNetConfig):
     """A hexagonal net of hexagonal meshes; each of its six bullets hangs on a bridle of two strings."""
 
     topology: Literal["hexagonal"] = Field(description="honeycomb")
@@ -52,7 +52,7 @@ class HexagonalNetConfig(ThrownNetConfig):
         yield from super().faults()
 
 
-def mesh(keys: HexagonalNetConfig) -> Mesh:
+def mesh(keys: HexagonalNet) -> Mesh:
     """Cells |q|, |r|, |q + r| <= R about (sqrt(3) (q + r/2), 3r/2) a; corners at 0, 60, ... 300 degrees."""
     cells = _cells(keys.rings)
     centres = np.stack([2 * cells[:, 0] + cells[:, 1], 3 * cells[:, 1]], axis=1)
@@ -76,7 +76,7 @@ def mesh(keys: HexagonalNetConfig) -> Mesh:
     )
 
 
-def fold_lines(keys: HexagonalNetConfig) -> tuple[Floats, Floats]:
+def fold_lines(keys: HexagonalNet) -> tuple[Floats, Floats]:
     """x, and y, of the lines through knots that no side crosses."""
     reach = 2.0 * (keys.rings + 1) * keys.mesh
     return lines(MeshShape.HEXAGON, keys.mesh, (reach, reach), odd=False)

@@ -12,7 +12,7 @@ from exunet.net.arrays import Mesh
 from exunet.net.base import MAX_ELEMENTS, ThrownNetConfig
 
 
-class RadialNetConfig(ThrownNetConfig):
+class RadialNet(ThrownNetConfig):
     """A polygonal net of spokes and rings, with a bullet at the end of each spoke."""
 
     topology: Literal["radial"] = Field(description="spokes and rings")
@@ -29,7 +29,7 @@ class RadialNetConfig(ThrownNetConfig):
         return self.spokes
 
 
-def mesh(keys: RadialNetConfig) -> Mesh:
+def mesh(keys: RadialNet) -> Mesh:
     """The hub, then the knots ring by ring, anticlockwise from spoke 0 on the x axis; spokes before rings."""
     angle = 2 * np.pi * np.arange(keys.spokes) / keys.spokes
     distance = keys.radius * np.arange(1, keys.rings + 1) / keys.rings

@@ -16,7 +16,7 @@ from exunet.net.base import ThrownNetConfig, mesh_divides, meshes
 Pair = Annotated[tuple[Positive, Positive], FromArray]
 
 
-class RectangularNetConfig(ThrownNetConfig):
+class RectangularNet(ThrownNetConfig):
     """A rectangular net of rectangular meshes, with a bullet at each of its four corners."""
 
     EXACTLY_ONE: ClassVar = ("mesh", "meshes")
@@ -52,12 +52,12 @@ class RectangularNetConfig(ThrownNetConfig):
         yield from super().faults()
 
 
-def mesh(keys: RectangularNetConfig) -> Mesh:
+def mesh(keys: RectangularNet) -> Mesh:
     """The grid on [-Lx/2, Lx/2] x [-Ly/2, Ly/2]; see `grid`."""
     return grid(keys.size, keys.counts)
 
 
-def fold_lines(keys: RectangularNetConfig) -> tuple[Floats, Floats]:
+def fold_lines(keys: RectangularNet) -> tuple[Floats, Floats]:
     """x, and y, of the threads."""
     return grid_lines(keys.size, keys.counts)
 

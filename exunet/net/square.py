@@ -14,7 +14,7 @@ from exunet.net.base import ThrownNetConfig, mesh_divides, meshes
 from exunet.net.rectangular import grid, grid_lines
 
 
-class SquareNetConfig(ThrownNetConfig):
+class SquareNet(ThrownNetConfig):
     """A square net of square meshes, with a bullet at each of its four corners."""
 
     EXACTLY_ONE: ClassVar = ("mesh", "meshes")
@@ -46,11 +46,11 @@ class SquareNetConfig(ThrownNetConfig):
         yield from super().faults()
 
 
-def fold_lines(keys: SquareNetConfig) -> tuple[Floats, Floats]:
+def fold_lines(keys: SquareNet) -> tuple[Floats, Floats]:
     """x, and y, of the threads."""
     return grid_lines((keys.size, keys.size), (keys.count, keys.count))
 
 
-def mesh(keys: SquareNetConfig) -> Mesh:
+def mesh(keys: SquareNet) -> Mesh:
     """The grid on [-L/2, L/2]^2; corners anticlockwise from (-, -)."""
     return grid((keys.size, keys.size), (keys.count, keys.count))

@@ -21,7 +21,7 @@ from pydantic import Field, StringConstraints
 
 from exunet.base.errors import CaseError, Fault, within
 from exunet.base.record import Count, Positive, Vector, distinct
-from exunet.net.arrays import Floats, Net, Tether
+from exunet.net.arrays import Floats, Net, TetherNodes
 from exunet.net.base import MAX_ELEMENTS, Cable, NodeConfig, NodeName, laws_of
 from exunet.net.drive import Drive, DriveConfig, softest
 
@@ -30,7 +30,7 @@ CLOSE = 1e-9  # of an element, within which the outlet counts as having reached 
 LARGEST_OUTLET = 1.5  # with which a node comes off, and leaves an outlet of half an element
 
 
-class ReelConfig(DriveConfig):
+class Reel(DriveConfig):
     """A drum at an end of the tether that is tied to a body."""
 
     at: Literal["start", "end"] = Field("start", description="at which end of the tether, one on a body")
@@ -56,7 +56,7 @@ class ReelConfig(DriveConfig):
 
 
 @dataclass(frozen=True)
-class Reel:
+class ReeledTether:
     """A reel and the tether on it.
 
     name     : of the tether
@@ -126,8 +126,8 @@ class Reel:
 
 
 def reel_of(
-    name: str, keys: ReelConfig, body: str, length: float, nodes: tuple[int, ...], elements: tuple[int, ...]
-) -> Reel:
+    name: str, keys: Reel, body: str, length: float, nodes: tuple[int, ...], elements: tuple[int, ...]
+) -> ReeledTether:
     """The reel of a tether of a length [m], whose nodes and elements are listed from its start on."""
     if keys.at == "end":
         nodes, elements = nodes[::-1], elements[::-1]
@@ -138,7 +138,7 @@ def reel_of(
     if (on_drum + 1) * part - wound <= (LEAST_OUTLET + CLOSE) * part and on_drum < number - 1:
         on_drum += 1
     shortest = max(keys.shortest or 0.0, LEAST_OUTLET * part)
-    return Reel(
+    return ReeledTether(
         name,
         body,
         nodes,
@@ -157,7 +157,7 @@ def reel_of(
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
 
-class TetherEndConfig(NodeConfig):
+class TetherEnd(NodeConfig):
     """What an end of a tether is tied to."""
 
     EXACTLY_ONE: ClassVar = ("body", "node", "bullet")
@@ -173,7 +173,7 @@ class TetherEndConfig(NodeConfig):
             yield Fault("point", "requires body: it is a point in the frame of a body")
 
 
-class OtherTetherEndConfig(TetherEndConfig):
+class OtherTetherEnd(TetherEnd):
     """The same, with an example of its own."""
 
     EXACTLY_ONE: ClassVar = ("node", "bullet", "body")
@@ -181,16 +181,16 @@ class OtherTetherEndConfig(TetherEndConfig):
     node: NodeName | None = Field(None, description=NodeConfig.model_fields["node"].description, examples=[1])
 
 
-class TetherConfig(Cable):
+class Tether(Cable):
     """A cable between two points: straight at time 0, and slack if they are nearer than its length."""
 
     length: Positive = Field(
         description="reference length [m], not below the distance between the ends at time 0", examples=[20.0]
     )
     divisions: Count = Field(1, description="elements on the tether")
-    start: TetherEndConfig = Field(description="what its start is tied to")
-    end: OtherTetherEndConfig = Field(description="what its end is tied to, not the same as the start")
-    reel: ReelConfig | None = Field(None, description="drum that winds it up and pays it out")
+    start: TetherEnd = Field(description="what its start is tied to")
+    end: OtherTetherEnd = Field(description="what its end is tied to, not the same as the start")
+    reel: Reel | None = Field(None, description="drum that winds it up and pays it out")
 
     def faults(self) -> Iterator[Fault]:
         """Require two different ends, and a reel on a body that fits the length."""
@@ -208,7 +208,7 @@ class TetherConfig(Cable):
             yield from within("reel", self.reel.faults_on(self.length, self.divisions))
 
 
-Tethers = Mapping[Name, TetherConfig]
+Tethers = Mapping[Name, Tether]
 
 
 def cross_checks(tethers: Tethers, bodies: Mapping[str, object]) -> Iterator[Fault]:
@@ -259,7 +259,7 @@ def with_tethers(net: Net, tethers: Tethers) -> tuple[Net, tuple[TiedPoint, ...]
     return net, tuple(tied)
 
 
-def reels_of(net: Net, tethers: Tethers) -> tuple[Reel, ...]:
+def reels_of(net: Net, tethers: Tethers) -> tuple[ReeledTether, ...]:
     """The reels of the tethers that `net` has."""
     found = []
     for tether in net.tethers:
@@ -272,7 +272,7 @@ def reels_of(net: Net, tethers: Tethers) -> tuple[Reel, ...]:
     return tuple(found)
 
 
-def _missing(name: str, keys: TetherConfig, net: Net) -> Iterator[Fault]:
+def _missing(name: str, keys: Tether, net: Net) -> Iterator[Fault]:
     for label, end in (("start", keys.start), ("end", keys.end)):
         if end.body is None:
             try:
@@ -281,7 +281,7 @@ def _missing(name: str, keys: TetherConfig, net: Net) -> Iterator[Fault]:
                 yield Fault(f"tethers.{name}.{label}.{end.key}", str(error))
 
 
-def _one_node(name: str, keys: TetherConfig, net: Net) -> Iterator[Fault]:
+def _one_node(name: str, keys: Tether, net: Net) -> Iterator[Fault]:
     """A bullet without a string is a node of the net too."""
     start, end = keys.start, keys.end
     if start.body is None and end.body is None and (node := end.node_of(net)) == start.node_of(net):
@@ -289,7 +289,7 @@ def _one_node(name: str, keys: TetherConfig, net: Net) -> Iterator[Fault]:
         yield Fault(f"tethers.{name}.end", words)
 
 
-def _with_one(net: Net, name: str, keys: TetherConfig, tied: list[TiedPoint]) -> Net:
+def _with_one(net: Net, name: str, keys: Tether, tied: list[TiedPoint]) -> Net:
     new = net.n_nodes
     ends = []
     for label, end in (("start", keys.start), ("end", keys.end)):
@@ -314,7 +314,7 @@ def _with_one(net: Net, name: str, keys: TetherConfig, tied: list[TiedPoint]) ->
     order = np.argsort(chain[along])
     return _extended(
         net,
-        Tether(name, net.n_nodes, tuple(chain.tolist())),
+        TetherNodes(name, net.n_nodes, tuple(chain.tolist())),
         mass=mass,
         reference_position=np.concatenate([net.reference_position, places[order]]),
         element_nodes=np.concatenate([net.element_nodes, np.stack([chain[:-1], chain[1:]], axis=1)]),
@@ -328,7 +328,7 @@ def _with_one(net: Net, name: str, keys: TetherConfig, tied: list[TiedPoint]) ->
     )
 
 
-def _strength(net: Net, keys: TetherConfig) -> dict[str, Floats]:
+def _strength(net: Net, keys: Tether) -> dict[str, Floats]:
     """That of all elements, if any is known."""
     if net.strength is None and keys.allowable is None:
         return {}
@@ -336,7 +336,7 @@ def _strength(net: Net, keys: TetherConfig) -> dict[str, Floats]:
     return {"strength": _appended(before, keys.allowable or 0.0, keys.divisions)}
 
 
-def _law(net: Net, keys: TetherConfig) -> dict[str, Any]:
+def _law(net: Net, keys: Tether) -> dict[str, Any]:
     """Laws of all elements, if any is not the default."""
     (number,), table = laws_of([keys], net.law_table)
     if net.law_number is None and not number:
@@ -349,7 +349,7 @@ def _appended(values: Floats, value: float, times: int) -> Floats:
     return np.concatenate([values, np.full(times, value)])
 
 
-def _extended(net: Net, tether: Tether, **arrays: Any) -> Net:
+def _extended(net: Net, tether: TetherNodes, **arrays: Any) -> Net:
     for array in arrays.values():
         array.flags.writeable = False
     return replace(net, tethers=(*net.tethers, tether), **arrays)

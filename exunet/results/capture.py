@@ -28,7 +28,7 @@ from exunet.net.arrays import Net
 from exunet.results.clearance import shapes_of
 from exunet.results.loads import broken_at
 from exunet.results.result import Result, row_ranges
-from exunet.scene.capture import CaptureCriterion
+from exunet.scene.capture import Capture
 
 RULE = "capture_rule"  # in the story of a result
 _ROWS = 256  # states that are looked at in one go
@@ -134,13 +134,13 @@ def halton(first: int, count: int, seed: int) -> Floats:
     return points.T
 
 
-def rule_of(result: Result) -> CaptureCriterion | None:
+def rule_of(result: Result) -> Capture | None:
     """The rule of its case; None without one."""
     rule = result.provenance.get(RULE)
-    return None if rule is None else CaptureCriterion.model_validate_json(json.dumps(rule))
+    return None if rule is None else Capture.model_validate_json(json.dumps(rule))
 
 
-def capture_of(result: Result, rule: CaptureCriterion, rows: Sequence[int] | None = None) -> Measures:
+def capture_of(result: Result, rule: Capture, rows: Sequence[int] | None = None) -> Measures:
     """The measures of a result at its stored times, or at those with some indices."""
     chosen = np.arange(len(result.time)) if rows is None else np.asarray(rows)
     body = result.bodies[rule.target]
@@ -194,7 +194,7 @@ def pieces_at(result: Result, time: float) -> list[Ints]:
 
 def capture(
     net: Net,
-    rule: CaptureCriterion,
+    rule: Capture,
     target: Target,
     points: tuple[Floats, Floats],
     body: tuple[Floats, Floats],

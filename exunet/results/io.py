@@ -25,7 +25,7 @@ from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError, UnsoundStates
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.base.interrupt import postponed
-from exunet.net.arrays import Net, Tether
+from exunet.net.arrays import Net, TetherNodes
 from exunet.results.result import (
     CONSTANTS,
     OPTIONAL,
@@ -149,11 +149,11 @@ def _net_of(arrays: Mapping[str, NDArray[Any]], where: str) -> Net:
     for values in plain.values():
         values.setflags(write=False)
     faces, mouths = _loops(arrays, "face"), _loops(arrays, "mouth")
-    tethers: tuple[Tether, ...] = ()
+    tethers: tuple[TetherNodes, ...] = ()
     if "tether_names" in arrays:
         names = bytes(arrays["tether_names"]).decode(errors="replace").split("\n")
         parts = zip(names, arrays["tether_first"].tolist(), _loops(arrays, "tether"), strict=True)
-        tethers = tuple(Tether(*part) for part in parts)
+        tethers = tuple(TetherNodes(*part) for part in parts)
     return Net(**plain, faces=faces, mouth=mouths[0] if mouths else (), tethers=tethers)
 
 

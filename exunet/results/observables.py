@@ -40,7 +40,7 @@ from exunet.results.measures import (
     prescribed,
 )
 from exunet.results.result import Result, over_blocks
-from exunet.scene.capture import CaptureCriterion
+from exunet.scene.capture import Capture
 
 THREADS, NODES, BULLETS = TOUCHING = ("threads", "nodes", "bullets")  # what may touch a body
 CONTACT = "contact_"  # before the name of the body, in the names of what is stored of contacts
@@ -160,7 +160,7 @@ class Observables:
         return {(a, b): nearest(movers[a], movers[b]) for a, b in pairs_of(list(movers))[:MOST_PAIRS]}
 
     @cached_property
-    def criterion(self) -> CaptureCriterion | None:
+    def criterion(self) -> Capture | None:
         """Criterion of a capture; None: the case has none."""
         return rule_of(self.result)
 

@@ -19,7 +19,7 @@ from exunet.results.clearance import shapes_of
 from exunet.results.observables import EDGE, LINE, NODES, THREADS, Observables, touched_bodies
 from exunet.results.penetration import Touch, net_contact, threads_inside
 from exunet.results.provenance import SceneProvenance, done
-from exunet.scene.capture import CONDITIONS, CaptureCriterion
+from exunet.scene.capture import CONDITIONS, Capture
 
 AT_LEAST = {"enclosed", "touching"}  # the others are at most their bound
 UNITS = {"relative_speed": "_m_s", "relative_spin": "_rad_s", "mouth": "_m"}  # of conditions, in keys
@@ -86,9 +86,7 @@ def outcome(run: Observables) -> Verdict | None:
     return None if run.criterion is None else _Flight(run, run.criterion).verdict
 
 
-def judge(
-    criterion: CaptureCriterion, time: Floats, measures: Measures, touch: Touch, motion: Motion
-) -> Verdict:
+def judge(criterion: Capture, time: Floats, measures: Measures, touch: Touch, motion: Motion) -> Verdict:
     """Judge the measures of a capture by a criterion."""
     conditions: dict[str, Condition] = {}
     for name in CONDITIONS:
@@ -310,7 +308,7 @@ class _Flight:
                 wide as it becomes at its last rate, but not more than unfolded
     """
 
-    def __init__(self, run: Observables, criterion: CaptureCriterion) -> None:
+    def __init__(self, run: Observables, criterion: Capture) -> None:
         assert run.capture is not None
         self.run, self.criterion, self.target, self.measures = run, criterion, criterion.target, run.capture
         self.end, body = float(run.time[-1]), run.result.bodies[self.target]

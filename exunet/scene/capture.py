@@ -15,7 +15,7 @@ CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "mou
 Part = Annotated[float, Field(gt=0, le=1)]
 
 
-class CaptureCriterion(Record):
+class Capture(Record):
     """Criterion of a capture: all given conditions, of which there is at least one, hold until the end."""
 
     TABLE: ClassVar = "capture"
@@ -79,7 +79,7 @@ class CaptureCriterion(Record):
 
 
 def cross_checks(
-    criterion: CaptureCriterion, bodies: Bodies, touched: frozenset[str], *, has_mouth: bool
+    criterion: Capture, bodies: Bodies, touched: frozenset[str], *, has_mouth: bool
 ) -> Iterator[Fault]:
     """touched : the bodies that threads or nodes of the scene touch; has_mouth : of the net's topology."""
     body = bodies.get(criterion.target)

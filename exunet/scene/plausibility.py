@@ -19,7 +19,7 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
 from exunet.base.record import shortened
 from exunet.base.times import reached
-from exunet.bodies.config import BodyConfig, Dimensions
+from exunet.bodies.config import Body, Dimensions
 from exunet.bodies.distance import distances_to
 from exunet.bodies.mass_properties import of_solid
 from exunet.bodies.rigid import shape_of
@@ -29,10 +29,10 @@ from exunet.forces.requirements import replaces_launch
 from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.net.base import Cable, ThrownNetConfig
-from exunet.net.closing import ClosingLineConfig
-from exunet.net.explicit import ExplicitNetConfig
+from exunet.net.closing import ClosingLine
+from exunet.net.explicit import ExplicitNet
 from exunet.net.folding import folded
-from exunet.net.tether import ReelConfig, TetherConfig
+from exunet.net.tether import Reel, Tether
 from exunet.scene.scene import Scene, cables
 from exunet.scene.script import drive_of, timeline
 
@@ -173,7 +173,7 @@ class _Mission:
         return _Approach(gap, speed, time, along, offset)
 
 
-def extents(body: BodyConfig) -> tuple[float, float] | None:
+def extents(body: Body) -> tuple[float, float] | None:
     """Return the least half thickness and the radius about its origin of a body [m]; None of a mesh."""
     if body.parts:
         parts = [
@@ -239,7 +239,7 @@ def _nodes(scene: Scene) -> Iterator[tuple[str, int | str]]:
     for name, body in scene.bodies.items():
         for label, item in body.attachments.items():
             ends[f"bodies.{name}.attachments.{label}.node"] = item.node
-    if isinstance(line := scene.closing, ClosingLineConfig):
+    if isinstance(line := scene.closing, ClosingLine):
         ends |= {f"closing.nodes[{k}]": node for k, node in enumerate(line.nodes or ())}
         for where, end in (("start", line.start), ("end", line.end)):
             ends[f"closing.{where}.node"] = None if end is None else end.node
@@ -286,7 +286,7 @@ def materials(mission: _Mission) -> Iterator[Fault]:
             words = f"damps the first axial mode of {key} with {ratio:.2g} of the critical damping: "
             words += f"give {DAMPING[0] * whole:.1g} s to {DAMPING[1] * whole:.1g} s"
             yield Fault("effects.material_damping.relaxation_time", words)
-    if isinstance(line := scene.closing, ClosingLineConfig):
+    if isinstance(line := scene.closing, ClosingLine):
         if line.linear_density > LINE:
             words = f"{line.linear_density:g} kg/m are more than those of a steel rope of 16 mm"
             yield Fault("closing.linear_density", words)
@@ -488,7 +488,7 @@ def tethers(mission: _Mission) -> Iterator[Fault]:
             yield Fault(f"{key}.reel.largest_rate", words)
 
 
-def _brakes(mission: _Mission, name: str, reel: ReelConfig, slack: float, distance: float) -> Iterator[Fault]:
+def _brakes(mission: _Mission, name: str, reel: Reel, slack: float, distance: float) -> Iterator[Fault]:
     """A brake that stops the net before the target; slack : way to where the tether becomes taut [m]."""
     commands, launch = list(_commands(mission.scene, name, reel)), mission.speed
     first = next((k for k, (_, _, force) in enumerate(commands) if force is not None), None)
@@ -517,7 +517,7 @@ def _brakes(mission: _Mission, name: str, reel: ReelConfig, slack: float, distan
             return
 
 
-def _commands(scene: Scene, name: str, reel: ReelConfig) -> Iterator[tuple[str, float, float | None]]:
+def _commands(scene: Scene, name: str, reel: Reel) -> Iterator[tuple[str, float, float | None]]:
     """Yield key, time [s] and, of a brake, force [N] of each command of a tether's reel at a known time."""
     for k, item in enumerate(reel.commands):
         yield f"tethers.{name}.reel.commands[{k}]", item.at, item.force if item.mode == "brake" else None
@@ -539,7 +539,7 @@ def _braked(mass: float, speed: float, force: float, damping: float, time: float
     return (mass * lost - (force and force * time)) / damping, speed - lost
 
 
-def _anchor(scene: Scene, keys: TetherConfig, body: str) -> Floats:
+def _anchor(scene: Scene, keys: Tether, body: str) -> Floats:
     """Return where a tether is tied to a body, at the start [m]."""
     end = keys.start if keys.start.body == body else keys.end
     config = scene.bodies[body]
@@ -550,7 +550,7 @@ def _anchor(scene: Scene, keys: TetherConfig, body: str) -> Floats:
 def closing(mission: _Mission) -> Iterator[Fault]:
     """A winch that cannot close the mouth: too slow in its time, or to a line that stays too long."""
     scene, keys = mission.scene, mission.scene.closing
-    if not isinstance(keys, ClosingLineConfig) or keys.winch is None:
+    if not isinstance(keys, ClosingLine) or keys.winch is None:
         return
     winch, capture = keys.winch, scene.capture
     if capture is not None and capture.mouth is not None and winch.shortest > math.pi * capture.mouth:
@@ -572,7 +572,7 @@ def closing(mission: _Mission) -> Iterator[Fault]:
 def lists(mission: _Mission) -> Iterator[Fault]:
     """Elements that are listed twice, and stored times after the end."""
     net, time, known = mission.scene.net, mission.scene.time, dict[frozenset[int], int]()
-    if isinstance(net, ExplicitNetConfig):
+    if isinstance(net, ExplicitNet):
         pairs = enumerate(map(frozenset, net.listed.elements.tolist()))
         yield from shortened(
             Fault(f"net.{key}", f"{where}joins the same nodes as element {known[pair]}: both carry load")

@@ -44,7 +44,7 @@ from exunet.net.closing import Closing
 from exunet.net.folding import Fold
 from exunet.net.tether import Tethers
 from exunet.scene import capture, script
-from exunet.scene.capture import CaptureCriterion
+from exunet.scene.capture import Capture
 from exunet.scene.document import (
     Override,
     applied,
@@ -56,7 +56,7 @@ from exunet.scene.document import (
     take_huge_integers,
     text_of,
 )
-from exunet.scene.script import Entry
+from exunet.scene.script import ScriptEntry
 
 if TYPE_CHECKING:
     Effects = Record
@@ -341,8 +341,8 @@ class Scene(Record):
     control: AnyControl | None = Field(
         None, description="corner units (bullets with thrusters) and their controller"
     )
-    capture: CaptureCriterion | None = Field(None, description="criterion of a capture")
-    script: Annotated[tuple[Entry, ...], FromArray] = Field(
+    capture: Capture | None = Field(None, description="criterion of a capture")
+    script: Annotated[tuple[ScriptEntry, ...], FromArray] = Field(
         (),
         description="events of the mission, each a trigger and an action",
         examples=[[{"name": "lock", "at": 2.5, "do": "lock", "on": "closing"}]],
@@ -518,13 +518,13 @@ def _initial(scene: Scene) -> Iterator[Fault]:
         if frame.eject_at > 0.0 and reached(frame.eject_at, scene.time.end):
             words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
             yield Fault("initial.frame.eject_at", words)
-        if frame.eject_at > 0.0 and isinstance(scene.net, explicit.ExplicitNetConfig) and scene.net.fixed:
+        if frame.eject_at > 0.0 and isinstance(scene.net, explicit.ExplicitNet) and scene.net.fixed:
             words = "a net that a body holds until then excludes net.fixed"
             yield Fault("initial.frame.eject_at", words)
     for name in ("node_positions", "node_velocities"):
         if (values := getattr(initial, name)) is None:
             continue
-        if not isinstance(scene.net, explicit.ExplicitNetConfig):
+        if not isinstance(scene.net, explicit.ExplicitNet):
             yield Fault(f"initial.{name}", f'is for net.topology = "explicit", not "{scene.net.topology}"')
         elif scene.net.is_given("strings"):
             yield Fault(f"initial.{name}", "excludes net.strings, whose bullets are not listed")

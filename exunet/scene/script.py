@@ -19,9 +19,9 @@ from exunet.base.errors import Fault, within
 from exunet.base.record import NonNegative, Positive, Record, Vector
 from exunet.base.times import same_time
 from exunet.net.closing import NAME as CLOSING
-from exunet.net.closing import ClosingLineConfig
+from exunet.net.closing import ClosingLine
 from exunet.net.drive import Drive, command_of, too_fast
-from exunet.net.explicit import ExplicitNetConfig
+from exunet.net.explicit import ExplicitNet
 
 
 class Quantity(NamedTuple):
@@ -168,7 +168,7 @@ else:  # `for` cannot be written as the name of an attribute
     _Lasting = create_model("_Lasting", __base__=Record, **{"for": (Positive | None, _HOLD)})
 
 
-class Entry(_Lasting):
+class ScriptEntry(_Lasting):
     """Trigger and action of a script."""
 
     name: Name = Field(description="name in other entries and in results", examples=["lock"])
@@ -352,7 +352,7 @@ class Entry(_Lasting):
         return words if self.verdict is None else f'{words}: "{self.verdict}"'
 
 
-def drive_of(entry: Entry, damping: float | None) -> Drive:
+def drive_of(entry: ScriptEntry, damping: float | None) -> Drive:
     """Return the command that an entry gives a drive; raise ValueError if its damping does not allow it."""
     if entry.do == "release":
         return command_of(damping, mode="brake", force=0.0)
@@ -364,7 +364,7 @@ def drive_of(entry: Entry, damping: float | None) -> Drive:
     return command_of(damping, mode=mode, rate=rate, force=entry.drive_force)
 
 
-def conflict(first: Entry, second: Entry) -> bool:
+def conflict(first: ScriptEntry, second: ScriptEntry) -> bool:
     """Return True if two entries command one object differently, one perhaps by a number."""
     if not first.target or (first.drive or first.target) != (second.drive or second.target):
         return False
@@ -374,17 +374,17 @@ def conflict(first: Entry, second: Entry) -> bool:
     return first.target == second.target and _command(first) != _command(second)
 
 
-def _command(entry: Entry) -> tuple[object, ...]:
+def _command(entry: ScriptEntry) -> tuple[object, ...]:
     action = "reel" if entry.do == "close" else entry.do
     return action, entry.rate, entry.force, entry.torque, entry.duration, entry.value, entry.verdict
 
 
-def released(entries: Iterable[Entry]) -> Iterator[str]:
+def released(entries: Iterable[ScriptEntry]) -> Iterator[str]:
     """Yield the attachments and ends of tethers that entries release."""
     yield from (entry.tie for entry in entries if entry.tie is not None)
 
 
-def awaited_entries(entries: Iterable[Entry]) -> set[str]:
+def awaited_entries(entries: Iterable[ScriptEntry]) -> set[str]:
     """Return the names of entries whose times depend on the run: by a condition, or by such an entry."""
     every = list(entries)
     names = {entry.name for entry in every if entry.when is not None}
@@ -393,27 +393,27 @@ def awaited_entries(entries: Iterable[Entry]) -> set[str]:
     return names
 
 
-def ejects(entries: Iterable[Entry]) -> bool:
+def ejects(entries: Iterable[ScriptEntry]) -> bool:
     """Return True if an entry ejects the net, which a body holds until then."""
     return any(entry.do == "eject" for entry in entries)
 
 
-def begins_a_thrust(entries: Iterable[Entry]) -> bool:
+def begins_a_thrust(entries: Iterable[ScriptEntry]) -> bool:
     """Return True if [effects.thrust] waits for an entry."""
     return any(entry.do == "thrust" and entry.on is None for entry in entries)
 
 
-def thrust_bodies(entries: Iterable[Entry]) -> Iterator[str]:
+def thrust_bodies(entries: Iterable[ScriptEntry]) -> Iterator[str]:
     """Yield the bodies on which entries thrust."""
     yield from (entry.on for entry in entries if entry.do == "thrust" and entry.on is not None)
 
 
-def begins_control(entries: Iterable[Entry]) -> bool:
+def begins_control(entries: Iterable[ScriptEntry]) -> bool:
     """Return True if the units of [control] wait for an entry."""
     return any(entry.do == "control" for entry in entries)
 
 
-def may_end_a_run(entries: Iterable[Entry]) -> bool:
+def may_end_a_run(entries: Iterable[ScriptEntry]) -> bool:
     """Return True if an entry ends runs."""
     return any(entry.do == "stop" for entry in entries)
 
@@ -463,7 +463,7 @@ _FASTEST = " m/s, the largest_rate of the drive"
 def settable(scene: Any, drives: Mapping[str, Any]) -> dict[str, Bounds]:
     """Return the parameters that a script may set in a scene, by name; drives : keys of each, by name."""
     bounds = dict(_of_effects(scene))
-    line = scene.closing if isinstance(scene.closing, ClosingLineConfig) else None
+    line = scene.closing if isinstance(scene.closing, ClosingLine) else None
     if line is not None:
         smooth = "needs closing.friction greater than 0"
         bounds["closing.friction"] = Bounds(most=2.0, open=True, why="" if line.friction else smooth)
@@ -510,7 +510,7 @@ class Stage:
     def of(cls, scene: Any) -> Stage:
         """Find the drives of a scene."""
         drives = {name: keys.reel for name, keys in scene.tethers.items() if keys.reel is not None}
-        if isinstance(scene.closing, ClosingLineConfig) and scene.closing.winch is not None:
+        if isinstance(scene.closing, ClosingLine) and scene.closing.winch is not None:
             drives[CLOSING] = scene.closing.winch
         return cls(scene, drives)
 
@@ -521,7 +521,7 @@ class Stage:
             "target": scene.capture is not None,
             "mouth": scene.net.has_mouth,
             "tethers": bool(scene.tethers),
-            "line": isinstance(scene.closing, ClosingLineConfig),
+            "line": isinstance(scene.closing, ClosingLine),
             "contact": getattr(scene.effects, "contact", None) is not None,
             "thrust": getattr(scene.effects, "thrust", None) is not None,
             "control": scene.control is not None,
@@ -550,19 +550,19 @@ def entry_faults(scene: Any) -> Iterator[Fault]:
     yield from _cycles(entries, names)
 
 
-def _named_once(number: int, entry: Entry, names: Mapping[str, int]) -> Iterator[Fault]:
+def _named_once(number: int, entry: ScriptEntry, names: Mapping[str, int]) -> Iterator[Fault]:
     if names[entry.name] != number:
         yield Fault("name", f"entry {names[entry.name]} already has this name")
 
 
-def _refers(entry: Entry, names: Mapping[str, int]) -> Iterator[Fault]:
+def _refers(entry: ScriptEntry, names: Mapping[str, int]) -> Iterator[Fault]:
     for key in ("after", "unless"):
         other = getattr(entry, key)
         if other is not None and other not in names:
             yield Fault(key, f"there is no entry {other!r} (entries: {', '.join(names)})")
 
 
-def _observes(entry: Entry, stage: Stage) -> Iterator[Fault]:
+def _observes(entry: ScriptEntry, stage: Stage) -> Iterator[Fault]:
     condition = entry.condition
     if condition is None:
         return
@@ -572,7 +572,7 @@ def _observes(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("when", f"{name} {_LACKS[needs]}")
 
 
-def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
+def _acts(entry: ScriptEntry, stage: Stage) -> Iterator[Fault]:
     """Yield the faults of an action on an object that the scene does not have, or not in this way."""
     kind, name = entry.action.on, entry.on or ""
     if kind == "net":
@@ -606,7 +606,7 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
             yield Fault(key, f"{drive!r} does not have a reel or winch (drives: {known})")
 
 
-def _of_drive(entry: Entry, name: str, key: str, stage: Stage) -> Iterator[Fault]:
+def _of_drive(entry: ScriptEntry, name: str, key: str, stage: Stage) -> Iterator[Fault]:
     drive = stage.drives[name]
     if drive.commands:
         yield Fault(key, _commanded(name))
@@ -619,7 +619,7 @@ def _of_drive(entry: Entry, name: str, key: str, stage: Stage) -> Iterator[Fault
         yield Fault("rate", words)
 
 
-def _sets(entry: Entry, stage: Stage) -> Iterator[Fault]:
+def _sets(entry: ScriptEntry, stage: Stage) -> Iterator[Fault]:
     bounds = settable(stage.scene, stage.drives)
     known = ", ".join(name for name, bound in bounds.items() if not bound.why) or "none"
     assert entry.on is not None
@@ -633,7 +633,7 @@ def _sets(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("value", wrong)
 
 
-def _cycles(entries: Sequence[Entry], names: Mapping[str, int]) -> Iterator[Fault]:
+def _cycles(entries: Sequence[ScriptEntry], names: Mapping[str, int]) -> Iterator[Fault]:
     done = set[int]()
     for k in range(len(entries)):
         path, at = dict[int, None](), k
@@ -677,7 +677,7 @@ def _why_not_ejected(scene: Any) -> str:
         return "initial.frame.eject_at ejects the net: remove it, or this entry"
     if frame.body in scene.bodies and scene.bodies[frame.body].motion == "port":
         return f"body {frame.body!r} is a port, which ejects a net at a time known to its host: give eject_at"
-    if isinstance(scene.net, ExplicitNetConfig) and scene.net.fixed:
+    if isinstance(scene.net, ExplicitNet) and scene.net.fixed:
         return "a net that a body holds until then has no net.fixed nodes"
     return ""
 
@@ -701,7 +701,7 @@ class Moment:
 class Planned:
     """Entry of a timeline; time : of the entry [s], None where it depends on the run."""
 
-    entry: Entry
+    entry: ScriptEntry
     time: float | None
 
     @property
@@ -710,7 +710,7 @@ class Planned:
         return self.entry.trigger_words if self.time is None else f"t = {self.time:g} s"
 
 
-def timeline(entries: Sequence[Entry]) -> list[Planned]:
+def timeline(entries: Sequence[ScriptEntry]) -> list[Planned]:
     """Return the entries of a valid script: by their times, those at one time as written, then the others."""
     moments = _moments(entries)
     planned = [
@@ -723,14 +723,14 @@ def timeline(entries: Sequence[Entry]) -> list[Planned]:
     return sorted(planned, key=lambda row: math.inf if row.time is None else bisect(instants, row.time))
 
 
-def conflicts(entries: Sequence[Entry]) -> Iterator[Fault]:
+def conflicts(entries: Sequence[ScriptEntry]) -> Iterator[Fault]:
     """Yield a fault of each of two entries that command one object differently at one time."""
     numbers = {entry.name: k for k, entry in enumerate(entries)}
-    moments, objects = _moments(entries), dict[str, list[Entry]]()
+    moments, objects = _moments(entries), dict[str, list[ScriptEntry]]()
     for entry in entries:
         if entry.name in moments:
             objects.setdefault(entry.drive or entry.target, []).append(entry)
-    rivals: dict[int, Entry] = {}
+    rivals: dict[int, ScriptEntry] = {}
     for commands in objects.values():
         for first, second in combinations(commands, 2):
             mine, theirs = moments[first.name], moments[second.name]
@@ -743,7 +743,7 @@ def conflicts(entries: Sequence[Entry]) -> Iterator[Fault]:
         yield Fault(key_of(number, "do"), f"{words}: change the time, or remove one entry")
 
 
-def _moments(entries: Iterable[Entry]) -> dict[str, Moment]:
+def _moments(entries: Iterable[ScriptEntry]) -> dict[str, Moment]:
     """Return the moments of entries by name, without entries in a cycle or after an unknown entry."""
     known = {entry.name: entry for entry in entries}
     moments: dict[str, Moment] = {}
@@ -751,7 +751,7 @@ def _moments(entries: Iterable[Entry]) -> dict[str, Moment]:
         tuple[object, ...], str
     ] = {}  # entries by the condition and the moment from which it is evaluated
     for name in known:
-        chain: dict[str, Entry] = {}
+        chain: dict[str, ScriptEntry] = {}
         while name in known and name not in moments and name not in chain:
             chain[name] = known[name]
             name = known[name].after or ""

@@ -13,7 +13,7 @@ from exunet.base.record import Record, config_of
 from exunet.base.validation import alternatives, literals
 from exunet.net import TOPOLOGIES
 from exunet.net.base import Cable, ThrownNetConfig
-from exunet.net.explicit import ExplicitNetConfig
+from exunet.net.explicit import ExplicitNet
 from exunet.scene.scene import Scene
 
 # Optional keys that the template uses, besides the first of each EXACTLY_ONE; it comments out the others.
@@ -88,7 +88,7 @@ def is_named(field: FieldInfo) -> bool:
 def _shown_tables(field: FieldInfo, topology: str) -> list[type[Record]]:
     """The records of a field, first the record that the template shows."""
     tables = tables_of(field)
-    return sorted(tables, key=lambda table: table is not config_of(TOPOLOGIES[topology], "NetConfig"))
+    return sorted(tables, key=lambda table: table is not config_of(TOPOLOGIES[topology], "Net"))
 
 
 def _keys(record: type[Record], path: tuple[str, ...], *, moving: bool = False) -> Iterator[str]:
@@ -98,7 +98,7 @@ def _keys(record: type[Record], path: tuple[str, ...], *, moving: bool = False) 
     """
     needed = {name for name, field in record.model_fields.items() if field.is_required()}
     needed |= {"density", "youngs_modulus"} if issubclass(record, Cable) else set()
-    needed |= {"elements", "corners"} if issubclass(record, ExplicitNetConfig) else set()
+    needed |= {"elements", "corners"} if issubclass(record, ExplicitNet) else set()
     needed |= {"velocity"} if path == ("initial",) and moving else set()
     needed |= {*record.EXACTLY_ONE[:1], *(() if record.EXACTLY_ONE[:1] == ("body",) else _CHOSEN)}
     needed |= {*(_OF_PARTS if "parts" in path else ())}
@@ -116,7 +116,7 @@ def _tables(record: type[Record], path: tuple[str, ...], topology: str, *, neede
         inner = (*path, name)
         if is_named(field):
             inner = (*inner, _NAMES[name])
-        thrown = issubclass(config_of(TOPOLOGIES[topology], "NetConfig"), ThrownNetConfig)
+        thrown = issubclass(config_of(TOPOLOGIES[topology], "Net"), ThrownNetConfig)
         on = needed and (field.is_required() or (thrown and inner in _ON))
         if keys := list(_keys(tables[0], inner, moving=not thrown)):  # tables alone do not need a header
             yield ""

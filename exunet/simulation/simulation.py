@@ -23,9 +23,9 @@ from exunet.integrators.protocol import StepCounts
 from exunet.methods.method import Backend, Method, Plan
 from exunet.model.states import States
 from exunet.model.system import Moving, State
-from exunet.net.closing import NAME, ClosingLine
+from exunet.net.closing import NAME, LineThroughRings
 from exunet.net.drive import command_of, too_fast
-from exunet.net.tether import Reel
+from exunet.net.tether import ReeledTether
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import ActiveController, Controller
@@ -300,7 +300,7 @@ class Simulation(Attempts):
             rate above the largest rate of the drive.
         """
         tether, system = _name(tether, "command: a tether"), self._start.system
-        reels: dict[str, Reel | ClosingLine]
+        reels: dict[str, ReeledTether | LineThroughRings]
         reels = {winding.reel.name: winding.reel for winding in system.forces.cable.reels}
         reels |= {} if system.line is None or not system.line.has_winch else {NAME: system.line}
         mine = {name: reel for name, reel in reels.items() if reel.is_commanded}

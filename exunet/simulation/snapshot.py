@@ -19,7 +19,7 @@ from exunet.base.files import pack_arrays, path_of, read_arrays, unpack_arrays, 
 from exunet.base.version import VERSION
 from exunet.integrators.exudyn.engine import exudyn_version
 from exunet.kernels.compile import numba_version
-from exunet.net.explicit import ExplicitNetConfig
+from exunet.net.explicit import ExplicitNet
 from exunet.simulation.preparation import Start
 
 KIND, FORMAT = "exunet snapshot", 1
@@ -146,7 +146,7 @@ def identity(start: Start) -> dict[str, Any]:
 def _read_from_files(start: Start) -> str:
     """Checksum of a listed net, surfaces of bodies, and the result and time that the case starts from."""
     found = hashlib.sha256()
-    if isinstance(start.scene.net, ExplicitNetConfig):
+    if isinstance(start.scene.net, ExplicitNet):
         for part in start.scene.net.listed:
             found.update(np.ascontiguousarray([] if part is None else part).tobytes())
     for body in start.system.bodies:

@@ -29,7 +29,7 @@ from exunet.results.observables import Observables
 from exunet.results.outcome import outcome
 from exunet.results.result import Result
 from exunet.scene.scene import Scene
-from exunet.scene.script import Entry
+from exunet.scene.script import ScriptEntry
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import MOVE, SEED, nearby_start, of_other_accuracy
@@ -197,14 +197,14 @@ def toggled(scene: Scene, found: Finding) -> Scene:
     return scene.model_copy(update=update)
 
 
-def _owner(entry: Entry) -> str:
+def _owner(entry: ScriptEntry) -> str:
     return (entry.on or "").partition(".")[0] if entry.do == "set" else ""
 
 
-def _noted(entry: Entry) -> Entry:
+def _noted(entry: ScriptEntry) -> ScriptEntry:
     acts = ("do", "on", "rate", "force", "torque", "duration", "value")
     kept = {name: getattr(entry, name) for name in entry.model_fields_set if name not in acts}
-    return Entry.model_validate({**kept, "do": "note"})
+    return ScriptEntry.model_validate({**kept, "do": "note"})
 
 
 def _noise(scene: Scene, base: Result, progress: ProgressOfRuns | None) -> _Noise:

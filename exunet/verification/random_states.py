@@ -20,7 +20,7 @@ from exunet.forces.contact.self_contact import LEAST
 from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
 from exunet.forces.contact.sphere_contact import bullets_of, nodes_of
 from exunet.forces.effects import switched_on
-from exunet.forces.effects.self_contact import SelfContactConfig, radii
+from exunet.forces.effects.self_contact import SelfContact, radii
 from exunet.forces.law import green_lagrange_strain
 from exunet.model.ejection import HELD
 from exunet.model.system import State, System
@@ -382,7 +382,7 @@ def threads_in_contact(start: Start, count: int, random: np.random.Generator) ->
 
     A third of the pairs is nearly parallel; some touch over an end.
     """
-    law = cast(SelfContactConfig, switched_on(start.scene.effects)[SELF_CONTACT])
+    law = cast(SelfContact, switched_on(start.scene.effects)[SELF_CONTACT])
     reach = 2.0 * float(radii(law, start.net).max())
     ends, size = start.net.element_nodes, float(start.net.reference_length.mean())
     for number in range(count):

@@ -369,7 +369,7 @@ def test_bending_is_blind_to_rigid_motions_and_agrees_with_the_rotational_spring
             listed([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0]], [[0, 1], [1, 2]], 1.0)
         )
     ).net  # fmt: skip
-    (term,) = bending.terms(bending.BendingConfig(modulus=3e9), Blocks.of_net(net))
+    (term,) = bending.terms(bending.Bending(modulus=3e9), Blocks.of_net(net))
     bent = np.array(
         [[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5 * math.cos(0.8), 0.5 * math.sin(0.8), 0.0]]
     ).ravel()
@@ -407,7 +407,7 @@ def test_thermal_strain_pulls_with_ea_times_strain() -> None:
 
 
 def test_a_warm_cable_is_longer_before_it_pulls() -> None:
-    keys = EFFECTS["thermal_strain"].ThermalStrainConfig(temperature_change=100.0, expansion_coefficient=1e-5)
+    keys = EFFECTS["thermal_strain"].ThermalStrain(temperature_change=100.0, expansion_coefficient=1e-5)
     net = thread(1).net
     forces = Forces.of(net, EFFECTS["thermal_strain"].terms(keys, Blocks.of_net(net)))
     assert forces.cable.law.natural_length == pytest.approx(1.001, rel=1e-12)
@@ -458,7 +458,7 @@ def test_the_limit_of_a_cable_with_a_free_strain(
     limit: dict[str, float], force: float | None, free: float
 ) -> None:
     """At the breaking length the tension is the limit: of a strain e EA e sqrt(1 + 2 (e + free))."""
-    net, keys = thread(1).net, breaking.BreakingConfig.model_validate(limit)
+    net, keys = thread(1).net, breaking.Breaking.model_validate(limit)
     changes = (*breaking.terms(keys, Blocks.of_net(net)), ElementLaw(free_strain=np.array([free])))
     term = Forces.of(net, changes).cable
     force = force or 1e3 * 0.02 * math.sqrt(1.0 + 2.0 * (0.02 + free))

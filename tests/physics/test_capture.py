@@ -24,7 +24,7 @@ from exunet.results.observables import Observables
 from exunet.results.outcome import Motion, Outcome, holds_since, judge, leaves_through, outcome
 from exunet.results.penetration import Touch, contact_places, threads_inside
 from exunet.results.result import BodyStates
-from exunet.scene.capture import CaptureCriterion
+from exunet.scene.capture import Capture
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.ensemble import start_of_runs
 
@@ -40,8 +40,8 @@ REST = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
 CUBE = net(CORNERS, EDGES)
 
 
-def rule(**keys: Any) -> CaptureCriterion:
-    return CaptureCriterion.model_validate({"target": "box", "duration": 0.0, "enclosed": 0.5, **keys})
+def rule(**keys: Any) -> Capture:
+    return Capture.model_validate({"target": "box", "duration": 0.0, "enclosed": 0.5, **keys})
 
 
 def box(a: float, b: float, c: float, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Shape:

@@ -20,7 +20,7 @@ from exunet.forces.contact.estimate import (
 )
 from exunet.forces.contact.law import Friction
 from exunet.forces.effects import switched_on
-from exunet.forces.effects.contact import ContactConfig
+from exunet.forces.effects.contact import Contact
 from exunet.forces.estimate import Approach, EstimateBasis
 from exunet.model.build import system_of
 from exunet.model.effect_survey import approaches, setting_of
@@ -44,7 +44,7 @@ def first_approach(scene: Scene, what: str) -> tuple[Approach, EstimateBasis]:
     """Of "threads" or "bullets" to the touched body."""
     system, state = system_of(scene, [])
     basis, keys = setting_of(scene, "contact"), switched_on(scene.effects)["contact"]
-    assert isinstance(keys, ContactConfig)
+    assert isinstance(keys, Contact)
     found, *_ = (item for item in approaches(keys, basis, system, state) if item.what == what)
     return found, basis
 

@@ -15,12 +15,12 @@ from scipy.special import ellipeinc
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.net.arrays import Net, Tether, edge_of
+from exunet.net.arrays import Net, TetherNodes, edge_of
 from exunet.net.closing import (
     ClosingLine,
-    ClosingLineConfig,
+    LineThroughRings,
     Perimeter,
-    PerimeterConfig,
+    ShortenedEdge,
     closing_of,
     with_mass_of,
 )
@@ -45,12 +45,12 @@ def two_by_one() -> Net:
     elements = [(0, 1), (1, 2), (1, 4), (3, 4), (5, 4), (0, 3), (2, 5), (4, 6), (6, 7)]
     faces = ((0, 1, 4, 3), (1, 2, 5, 4))
     of = net([*nodes, (1.0, 1.0, -1.0), (1.0, 1.0, -2.0)], elements, (5, 3), faces, mouth=(2, 5, 3, 0))
-    return replace(of, tethers=(Tether("tow", 6, (4, 6, 7)),))
+    return replace(of, tethers=(TetherNodes("tow", 6, (4, 6, 7)),))
 
 
 def path_of(**keys: Any) -> tuple[int, ...]:
-    found = closing_of(two_by_one(), ClosingLineConfig.model_validate(LINE | keys))
-    assert isinstance(found, ClosingLine)
+    found = closing_of(two_by_one(), ClosingLine.model_validate(LINE | keys))
+    assert isinstance(found, LineThroughRings)
     return found.path
 
 
@@ -67,18 +67,18 @@ def test_rings_of_a_loop_and_of_a_line_with_ends() -> None:
 
 def test_a_perimeter_is_the_elements_of_the_edge() -> None:
     """All but the one between the meshes, and none of the tether's."""
-    found = closing_of(two_by_one(), PerimeterConfig.model_validate(PERIMETER))
-    assert found == Perimeter((0, 1, 3, 4, 5, 6), 1.0, 0.5, 0.2)
+    found = closing_of(two_by_one(), Perimeter.model_validate(PERIMETER))
+    assert found == ShortenedEdge((0, 1, 3, 4, 5, 6), 1.0, 0.5, 0.2)
     with pytest.raises(CaseError, match=r"closing\.kind: the net has no edge that is one loop"):
-        closing_of(replace(two_by_one(), faces=()), PerimeterConfig.model_validate(PERIMETER))
+        closing_of(replace(two_by_one(), faces=()), Perimeter.model_validate(PERIMETER))
 
 
 def test_the_mass_of_a_line_is_at_its_nodes() -> None:
     """0.9 kg on three pieces: a sixth at either end, a third at each ring in between."""
     of = two_by_one()
     keys = LINE | {"nodes": [1, 4], "start": {"node": 0}, "end": {"node": 5}}
-    line = closing_of(of, ClosingLineConfig.model_validate(keys))
-    assert isinstance(line, ClosingLine)
+    line = closing_of(of, ClosingLine.model_validate(keys))
+    assert isinstance(line, LineThroughRings)
     added = with_mass_of(of, line).mass - of.mass
     np.testing.assert_allclose(added, [0.15, 0.3, 0.0, 0.0, 0.3, 0.15, 0.0, 0.0], atol=1e-15)
     assert with_mass_of(of, replace(line, linear_density=0.0)) is of

@@ -13,7 +13,7 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
 from exunet.forces.closing import Drawstring, elastic_once_slid, states_of, too_long, way_of
 from exunet.net.arrays import Net
-from exunet.net.closing import ClosingLine, Perimeter
+from exunet.net.closing import LineThroughRings, ShortenedEdge
 from exunet.net.drive import Drive
 
 Floats = np.ndarray
@@ -31,7 +31,7 @@ def line(places: Floats, **given: Any) -> tuple[closing.Line, Blocks]:
     numbers |= {"linear_density": 0.0, "ring_diameter": RING}
     numbers |= {"shortest": 0.5, "largest_rate": 5.0, "has_winch": True}
     time, ratio = given.pop("time", 0.0), given.pop("ratio", 1.0)
-    drawn = ClosingLine(**(numbers | given))
+    drawn = LineThroughRings(**(numbers | given))
     blocks = Blocks.of(net, places, (), (), states_of(drawn, places, ratio, time))
     string = Drawstring(drawn, blocks, ratio, time)
     return string.data(string.at_start), blocks
@@ -59,8 +59,8 @@ def slid(places: Floats, wound: float, friction: float, **given: Any) -> closing
     return data
 
 
-def line_of(n: int) -> ClosingLine:
-    return ClosingLine(tuple(range(n)), 1.0, 1.0, 0.0, RING, 0.0)
+def line_of(n: int) -> LineThroughRings:
+    return LineThroughRings(tuple(range(n)), 1.0, 1.0, 0.0, RING, 0.0)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
@@ -218,7 +218,7 @@ def test_the_bounds_for_the_step_hold() -> None:
         places[2] = places[1] + near * RING * np.array([0.0, -0.8, 0.6])
         length = float(way_of(line_of(5), places).sum()) / math.sqrt(1.02)  # a strain of 1 %
         data, blocks = line(places, length=length, has_winch=False)
-        drawn = ClosingLine(tuple(range(5)), length, 500.0, 0.0, RING, 0.0)
+        drawn = LineThroughRings(tuple(range(5)), length, 500.0, 0.0, RING, 0.0)
         bound = Drawstring(drawn, blocks).rates[0]
         n, matrix = blocks.n_v, np.zeros((blocks.n_v, blocks.n_v))
         for k in range(n):
@@ -360,7 +360,7 @@ def edge(
     nothing = np.zeros(0, dtype=np.int64)
     net = Net(np.zeros((n, 3)), mass, ENDS, LENGTH, STIFFNESS, STIFFNESS, STIFFNESS,
               np.zeros(5, dtype=bool), nothing, nothing)  # fmt: skip
-    one = Perimeter(elements, **({"at": 0.1, "rate": 2.0, "part": 0.6} | given))
+    one = ShortenedEdge(elements, **({"at": 0.1, "rate": 2.0, "part": 0.6} | given))
     return perimeter.Shortening(one, Blocks.of(net, np.zeros((n, 3)), (), (), perimeter.states_of(one)), law)
 
 

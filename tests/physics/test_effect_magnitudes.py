@@ -76,7 +76,7 @@ def test_air_drag(thrown: str) -> None:
     if thrown == "all":
         basis = EstimateBasis(basis.net, 0.4, basis.position, basis.velocity + np.array([0.0, 0.0, 0.5]))
     on_bullets = {"bullet_drag_coefficient": 0.4, "bullet_area": 0.02}
-    keys = air_drag.AirDragConfig(density=1.3, drag_coefficient=1.2, **on_bullets)
+    keys = air_drag.AirDrag(density=1.3, drag_coefficient=1.2, **on_bullets)
     parts = [rms(basis, cross_flow(basis, 1.3, 1.2) / basis.net.mass[:, None])]
     bullets = basis.net.bullet_nodes
     if thrown != "chain":
@@ -93,9 +93,9 @@ def test_air_drag(thrown: str) -> None:
 def test_no_speed_has_no_drag() -> None:
     basis = skewed()
     still = EstimateBasis(basis.net, 0.4, basis.position, 0.0 * basis.velocity)
-    keys = air_drag.AirDragConfig(density=1.3, drag_coefficient=1.2)
+    keys = air_drag.AirDrag(density=1.3, drag_coefficient=1.2)
     found = air_drag.magnitude(keys, still)
-    damped = rayleigh_damping.magnitude(rayleigh_damping.RayleighDampingConfig(alpha=0.3, beta=1e-3), still)
+    damped = rayleigh_damping.magnitude(rayleigh_damping.RayleighDamping(alpha=0.3, beta=1e-3), still)
     for item in (found, damped):
         assert (item.acceleration, item.displacement) == (0.0, 0.0)
 
@@ -112,7 +112,7 @@ def test_bending(modulus: float) -> None:
     ends = np.bincount(basis.net.element_nodes.ravel())
     force[:, 0] = [k / 0.6 * math.sqrt(squares[int(n)]) for n in ends]
     wanted = rms(basis, force / basis.net.mass[:, None])
-    found = bending.magnitude(bending.BendingConfig(modulus=modulus), basis)
+    found = bending.magnitude(bending.Bending(modulus=modulus), basis)
     assert found.acceleration == pytest.approx(wanted, rel=1e-12)
     way = min(0.5 * wanted * 0.16, 0.5 * 0.6)  # half a radian of half an element's length
     assert found.displacement == pytest.approx(way, rel=1e-12)
@@ -124,14 +124,14 @@ def test_breaking() -> None:
     basis = opening(0.4)
     snap, strain = snap_of(basis), hardest_strain(basis)
     assert strain > snap.strain > 0.0
-    assert breaking.magnitude(breaking.BreakingConfig(strain=strain), basis).acceleration == 0.0
+    assert breaking.magnitude(breaking.Breaking(strain=strain), basis).acceleration == 0.0
     stiffness = 500.0  # of the softest
     net = replace(basis.net, youngs_modulus=basis.net.youngs_modulus * np.linspace(0.5, 2.0, 12))
     mixed = replace(basis, net=net)
     for part, breaks in ((1.001, False), (0.999, True)):
         for one, keys in (
-            (basis, breaking.BreakingConfig(strain=part * strain)),
-            (mixed, breaking.BreakingConfig(force=part * hardest_strain(mixed) * stiffness)),
+            (basis, breaking.Breaking(strain=part * strain)),
+            (mixed, breaking.Breaking(force=part * hardest_strain(mixed) * stiffness)),
         ):
             found, snap = breaking.magnitude(keys, one), snap_of(one)
             assert found.acceleration == (snap.frequency * snap.speed if breaks else 0.0)
@@ -142,13 +142,13 @@ def test_breaking() -> None:
 def test_limits_of_breaking_are_forces() -> None:
     """EA e sqrt(1 + 2 (e + e_free)): the strain relative to the reference length is both together."""
     net = chain().net
-    given = breaking.limits(breaking.BreakingConfig(strain=0.04), net, 0.01)
+    given = breaking.limits(breaking.Breaking(strain=0.04), net, 0.01)
     np.testing.assert_allclose(given, 1e3 * 0.04 * math.sqrt(1.1), rtol=1e-13)
-    assert breaking.limits(breaking.BreakingConfig(force=7.0), net).tolist() == [7.0, 7.0]
+    assert breaking.limits(breaking.Breaking(force=7.0), net).tolist() == [7.0, 7.0]
 
 
 def test_oblateness_accelerates_by_the_gradient() -> None:
-    keys = j2.J2Config(altitude=500e3, inclination=1.1, argument_of_latitude=0.7, **AXES)
+    keys = j2.J2(altitude=500e3, inclination=1.1, argument_of_latitude=0.7, **AXES)
     basis = skewed()
     found = j2.magnitude(keys, basis)
     wanted = rms(basis, basis.middle @ j2.gradient(keys))
@@ -170,7 +170,7 @@ def test_the_assumed_launch_gives_the_bullets_the_speed_they_have() -> None:
 
 def test_damping_by_the_mass() -> None:
     basis = skewed()
-    found = mass_damping.magnitude(mass_damping.MassDampingConfig(alpha=0.3), basis)
+    found = mass_damping.magnitude(mass_damping.MassDamping(alpha=0.3), basis)
     assert_magnitude(found, 0.3 * rms(basis, basis.motion), basis.braked(0.3))
 
 
@@ -183,7 +183,7 @@ def test_rayleigh_damping() -> None:
         force[i, 0] -= pull
         force[j, 0] += pull
     rate = rms(basis, force / basis.net.mass[:, None]) / rms(basis, basis.velocity)
-    found = rayleigh_damping.magnitude(rayleigh_damping.RayleighDampingConfig(alpha=alpha, beta=beta), basis)
+    found = rayleigh_damping.magnitude(rayleigh_damping.RayleighDamping(alpha=alpha, beta=beta), basis)
     assert_magnitude(found, rate * rms(basis, basis.motion), basis.braked(rate))
 
 
@@ -196,7 +196,7 @@ def test_thrust() -> None:
     force = np.array([3.0, -4.0, 12.0])  # 13 N
 
     def found(times: list[float], forces: Any) -> Any:
-        keys = thrust.ThrustConfig.model_validate(
+        keys = thrust.Thrust.model_validate(
             {"bullets": [0, 2], "time": times, "force": np.array(forces).tolist()}
         )
         return thrust.magnitude(keys, basis)
@@ -224,7 +224,7 @@ def test_thin_gas_and_sunlight(bullet: float) -> None:
     basis = opening(0.4) if bullet else skewed()
     area = areas(basis, bullet)
     flow = (300.0, -200.0, 600.0)
-    keys = molecular_drag.MolecularDragConfig(
+    keys = molecular_drag.MolecularDrag(
         density=2e-3, flow=flow, drag_coefficient=2.2, bullet_area=bullet or None
     )
     wanted = rms(basis, np.outer(0.5 * 2e-3 * 2.2 * area * 700.0 / basis.net.mass, flow))
@@ -233,7 +233,7 @@ def test_thin_gas_and_sunlight(bullet: float) -> None:
     (term,) = molecular_drag.terms(keys, basis.blocks)
     rate = 2.0 * 700.0 * (0.5 * 2e-3 * 2.2 * area / basis.net.mass).max()
     assert term.damping_rate == pytest.approx(rate, rel=1e-12)
-    light = solar_pressure.SolarPressureConfig(flux=1e9, direction=(0.6, 0.0, 0.8), pressure_coefficient=1.4,
+    light = solar_pressure.SolarPressure(flux=1e9, direction=(0.6, 0.0, 0.8), pressure_coefficient=1.4,
                                 bullet_area=bullet or None)  # fmt: skip
     wanted = rms(basis, np.outer(1.4e9 / 299792458.0 * area / basis.net.mass, (0.6, 0.0, 0.8)))
     found = solar_pressure.magnitude(light, basis)
@@ -265,7 +265,7 @@ def test_threads_that_touch_each_other(met: str | None) -> None:
         basis = replace(basis, approaches=(later, Approach("ball", "threads", time, fast, 0.0, 3.0)))
         if met == "fast":
             speed, lasts = 9.0, 0.3
-    keys = self_contact.SelfContactConfig.model_validate({"stiffness": 50.0, "damping": 0.0})
+    keys = self_contact.SelfContact.model_validate({"stiffness": 50.0, "damping": 0.0})
     found = self_contact.magnitude(keys, basis)
     meetings = math.pi / 8.0 * 1.0 * speed * 12.0 / 2.0**3 * lasts
     assert (meetings > 1.0) == (met == "fast")
@@ -282,7 +282,7 @@ def test_warmth(place: float, change: float, duration: float) -> None:
     first = skewed()
     net = replace(first.net, reference_position=first.net.reference_position - [1.3, 0.0, 0.0])
     basis = EstimateBasis(net, duration, place * net.reference_position, first.velocity)
-    keys = thermal_strain.ThermalStrainConfig(temperature_change=change, expansion_coefficient=1e-5)
+    keys = thermal_strain.ThermalStrain(temperature_change=change, expansion_coefficient=1e-5)
     stretch = 1.0 + 1e-5 * change
     free = 0.5 * (stretch**2 - 1.0)
     strain = 0.5 * (place**2 - 1.0)
@@ -302,8 +302,8 @@ def test_warmth(place: float, change: float, duration: float) -> None:
 # Contact
 
 
-def contact_keys(**given: Any) -> contact.ContactConfig:
-    keys: contact.ContactConfig = TypeAdapter(contact.AnyContactConfig).validate_python(
+def contact_keys(**given: Any) -> contact.Contact:
+    keys: contact.Contact = TypeAdapter(contact.AnyContact).validate_python(
         {"law": "linear", "damping": 0.0} | given
     )
     return keys

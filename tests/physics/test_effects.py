@@ -239,7 +239,7 @@ def test_ways_of_constant_accelerations_and_decaying_speeds() -> None:
 
 def test_a_launch_lags_behind_by_its_stroke_or_makes_the_way() -> None:
     """Springs of 60 N over 0.1 m do 3 J on bullets of 4 kg; 16 of 24 kg are the bullets'."""
-    keys = launch_force.SpringLaunchForceConfig.model_validate(
+    keys = launch_force.SpringLaunchForce.model_validate(
         {"kind": "spring", "force": 60.0, "stroke": 0.1, "spread_angle": 0.6, "chaser_mass": 500.0}
     )
     basis = opening(0.4)
@@ -257,7 +257,7 @@ def test_material_damping_takes_speed_in_the_hardest_snap() -> None:
     basis = opening(0.4)
     snap = snap_of(basis)
     for ratio in (0.1, 0.7, 1.5):
-        keys = material_damping.MaterialDampingConfig(relaxation_time=2.0 * ratio / snap.frequency)
+        keys = material_damping.MaterialDamping(relaxation_time=2.0 * ratio / snap.frequency)
         found = material_damping.magnitude(keys, basis)
         lost = 1.0 - math.exp(-math.pi * ratio) if ratio < 1.0 else 1.0
         assert found.displacement == pytest.approx(lost * basis.speed * 0.2, rel=1e-12)
@@ -266,7 +266,7 @@ def test_material_damping_takes_speed_in_the_hardest_snap() -> None:
 
 def test_the_orbit_accelerates_the_nominal_motion_as_its_forces_do() -> None:
     """With 2 rad/s, Coriolis force and gradient are alike; without symmetry their signs matter."""
-    keys = orbit.OrbitConfig.model_validate(
+    keys = orbit.Orbit.model_validate(
         {"mean_motion": 2.0, "radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0], "model": "linear"}
     )
     basis = chain()

@@ -272,7 +272,7 @@ def loaded(*overrides: str) -> exunet.Case:
 
 
 def work(law: dict[str, Any]) -> float:
-    return TypeAdapter(launch_force.AnyLaunchForceConfig).validate_python(law | {"body": "chaser"}).work
+    return TypeAdapter(launch_force.AnyLaunchForce).validate_python(law | {"body": "chaser"}).work
 
 
 @pytest.mark.ci_for("exudyn-spring")

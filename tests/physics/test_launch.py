@@ -36,7 +36,7 @@ GAS = GUN | {"kind": "gas", "dead_length": 0.1, "exponent": 1.4}
 def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any], backend: str) -> None:
     engine = [f"engine.backend={backend}"]
     case = load(EFFECT_CASES / "launch_force.toml", ["time.end=0.05", "solver.tolerance=1e-10", *engine])
-    launch = TypeAdapter(launch_force.AnyLaunchForceConfig).validate_python(keys)
+    launch = TypeAdapter(launch_force.AnyLaunchForce).validate_python(keys)
     effects = case.scene.effects.model_copy(update={"launch_force": launch})
     run = simulate(prepare(case.scene.model_copy(update={"effects": effects})))
     assert np.abs(run.momentum).max() < 1e-12
@@ -53,7 +53,7 @@ def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any]
 
 
 def test_the_work_of_gas_is_the_integral_of_its_force() -> None:
-    keys = launch_force.GasLaunchForceConfig.model_validate(GAS)
+    keys = launch_force.GasLaunchForce.model_validate(GAS)
     s, weight = np.polynomial.legendre.leggauss(30)
     way = 0.025 * (s + 1.0)
     assert keys.work == pytest.approx(0.025 * weight @ (64.0 * (0.1 / (0.1 + way)) ** 1.4), rel=1e-13)

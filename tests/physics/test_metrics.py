@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import exunet
 from exunet.forces.corner_units import NAME, SPENT, WORK
 from exunet.net import areas
-from exunet.net.arrays import Tether
+from exunet.net.arrays import TetherNodes
 from exunet.results import measures
 from exunet.results.measures import shares_of
 from exunet.results.result import BodyStates, Result, TermStates
@@ -184,7 +184,9 @@ def towed(nodes: tuple[int, ...]) -> Result:
     At the second time nodes 2 and 3, or those at its other end, lie at the drum.
     """
     places = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 2.0, 0.0), (1.0, 4.0, 1.0), (1.0, 6.0, 5.0)]
-    of = replace(net(places, [(0, 1), (1, 2), (2, 3), (3, 4)]), tethers=(Tether("tow", 2, (1, 2, 3, 4)),))
+    of = replace(
+        net(places, [(0, 1), (1, 2), (2, 3), (3, 4)]), tethers=(TetherNodes("tow", 2, (1, 2, 3, 4)),)
+    )
     position = np.array([places, places])
     position[1, list(nodes)] = places[4]
     ship = BodyStates(2.0, None, np.array([[1.0, 6.0, 4.0]] * 2), np.zeros((2, 3)), nodes=np.array([4]))
@@ -214,7 +216,7 @@ def test_a_drum_at_the_start_of_a_tether() -> None:
         turned = replace(
             one.net,
             element_nodes=one.net.element_nodes[order][:, ::-1].copy(),
-            tethers=(Tether("tow", 2, (4, 3, 2, 1)),),
+            tethers=(TetherNodes("tow", 2, (4, 3, 2, 1)),),
         )
         other = replace(one, net=turned, tension=np.asarray(one.tension)[:, order])
         np.testing.assert_allclose(

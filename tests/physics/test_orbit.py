@@ -109,8 +109,8 @@ def test_two_bodies_keep_energy_and_momentum_in_the_inertial_frame(backend: str)
 # J2
 
 
-def j2_keys(**more: float) -> j2.J2Config:
-    return j2.J2Config.model_validate(
+def j2_keys(**more: float) -> j2.J2:
+    return j2.J2.model_validate(
         {"altitude": 700e3, "inclination": 1.1, "argument_of_latitude": 0.7, **ORBIT} | more
     )
 
@@ -129,7 +129,7 @@ def test_the_j2_gradient_is_that_of_the_field() -> None:
     def field(place: np.ndarray) -> np.ndarray:
         r = float(np.linalg.norm(place))
         z2 = 5.0 * (place[2] / r) ** 2
-        factor = -1.5 * j2.J2 * EARTH_MU * EARTH_RADIUS**2 / r**5
+        factor = -1.5 * j2.EARTH_J2 * EARTH_MU * EARTH_RADIUS**2 / r**5
         return factor * place * np.array([1.0 - z2, 1.0 - z2, 3.0 - z2])
 
     centre = radius * up

@@ -23,7 +23,7 @@ from exunet.forces.reel import reel_term
 from exunet.model.components import Drum
 from exunet.model.states import States
 from exunet.net.drive import WITHOUT_LIMIT, Drive
-from exunet.net.tether import Reel, ReelConfig, reel_of
+from exunet.net.tether import Reel, ReeledTether, reel_of
 from exunet.simulation.guards import state_of_worst
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.simulation import Simulation
@@ -466,8 +466,8 @@ def test_commands_of_a_script_act_as_those_of_a_case(backend: str) -> None:
 NODES, ELEMENTS = (9, 3, 4, 5, 8), (2, 3, 4, 5)
 
 
-def reel_of_four(length: float = 2.0, **keys: Any) -> Reel:
-    return reel_of("line", ReelConfig.model_validate(keys), "left", length, NODES, ELEMENTS)
+def reel_of_four(length: float = 2.0, **keys: Any) -> ReeledTether:
+    return reel_of("line", Reel.model_validate(keys), "left", length, NODES, ELEMENTS)
 
 
 def test_a_reel_at_either_end() -> None:

@@ -20,7 +20,7 @@ import exunet
 import reference_impl
 from exunet.net import AnyNetConfig, weave
 from exunet.net.arrays import Net
-from exunet.net.cut import SHORTEST, CutNetConfig, mesh
+from exunet.net.cut import SHORTEST, CutNet, mesh
 from exunet.results.measures import mouth_area
 
 CABLE = {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e9}
@@ -30,12 +30,12 @@ MESHES = ("square", "triangle", "hexagon")
 KEYS = TypeAdapter(AnyNetConfig)
 
 
-def keys(outline: str, mesh_shape: str, size: float = 5.0, mesh: float = 0.5, **others: Any) -> CutNetConfig:
+def keys(outline: str, mesh_shape: str, size: float = 5.0, mesh: float = 0.5, **others: Any) -> CutNet:
     table = {"topology": "cut", "outline": outline, "mesh_shape": mesh_shape, "size": size, "mesh": mesh}
     if outline == "circle":
         table["corners"] = OUTLINES[outline]
     found = KEYS.validate_python(table | {"cable": CABLE, "border": BORDER} | others)
-    assert isinstance(found, CutNetConfig)
+    assert isinstance(found, CutNet)
     return found
 
 

@@ -19,7 +19,7 @@ from exunet.base.errors import InputError
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.touched import surface_shown
 from exunet.cli.export import export_result
-from exunet.net.arrays import Tether
+from exunet.net.arrays import TetherNodes
 from exunet.results.clearance import rounded_shapes
 from exunet.results.result import Result
 from exunet.scene.casefile import parse_case
@@ -81,7 +81,7 @@ def test_vtk_reads_the_states_of_the_result(tmp_path: Path, beside: bool) -> Non
 
 def test_tethers_are_a_group_of_their_own(tmp_path: Path) -> None:
     of = around_a_box()
-    tethered = replace(of.net, tethers=(Tether("tow", 12, (11, 12)),))
+    tethered = replace(of.net, tethers=(TetherNodes("tow", 12, (11, 12)),))
     whole: Result = replace(of, net=tethered)
     exunet.export(whole, tmp_path / "result.vtkhdf")
     group = numbers(blocks(tmp_path / "result.vtkhdf", 6)["net"].GetCellData().GetArray("group"))

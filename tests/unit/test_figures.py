@@ -26,7 +26,7 @@ from exunet.base.errors import FigureError, InputError, MissingExtra
 from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.cli.animate import animate
 from exunet.cli.main import app
-from exunet.net.arrays import Tether
+from exunet.net.arrays import TetherNodes
 from exunet.plots import animation
 from exunet.plots.animation import save_animation, stored_times
 from exunet.plots.curves import compared
@@ -96,7 +96,7 @@ def towed(bodies: int = 2) -> Result:
     along = [(0.0, 0.0, -2.0 * k) for k in range(5)]
     of = replace(
         net([(0, 5, 0), *along], [(k, k + 1) for k in range(1, 5)]),
-        tethers=(Tether("tow", 1, (1, 2, 3, 4, 5)),),
+        tethers=(TetherNodes("tow", 1, (1, 2, 3, 4, 5)),),
     )
     places = np.array([(0, 5, 0), *((0, 0.1 * k, 0.5 + 2.0 * k) for k in range(5))])
     moved = places + np.linspace(0, 1, 7)[:, None, None] * np.array([0, 0, 0.3])

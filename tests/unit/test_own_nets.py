@@ -12,8 +12,8 @@ from scenes import CASES, case_in, refused, values_of
 
 import exunet
 from exunet.net import weave
-from exunet.net.explicit import ExplicitNetConfig
-from exunet.net.square import SquareNetConfig, mesh
+from exunet.net.explicit import ExplicitNet
+from exunet.net.square import SquareNet, mesh
 from exunet.studies.both_codes import read_both
 from exunet.verification.cross_code import compared, motion
 
@@ -44,7 +44,7 @@ STRINGS = "[net.strings]\ndiameter = 1e-3\ndensity = 1000.0\nyoungs_modulus = 1e
 def tables(folder: Path, lift: float = 0.0) -> None:
     """The square net as two CSV files; lift : of its middle row out of the plane [m]."""
     keys = {"topology": "square", "size": SIZE, "meshes": MESHES, "cable": CABLE}
-    square = mesh(SquareNetConfig.model_validate(keys))
+    square = mesh(SquareNet.model_validate(keys))
     knots = square.knots.copy()
     knots[np.abs(knots[:, 1]) < 1e-9, 2] += lift
     nodes = [", ".join(map(repr, row)) for row in knots.tolist()]
@@ -55,7 +55,7 @@ def tables(folder: Path, lift: float = 0.0) -> None:
 
 def net(folder: Path, **keys: Any) -> Any:
     files = (folder / "nodes.csv", folder / "elements.csv")
-    return weave(ExplicitNetConfig.from_csv(*files, **({"cable": CABLE, "corners": CORNERS} | keys)))
+    return weave(ExplicitNet.from_csv(*files, **({"cable": CABLE, "corners": CORNERS} | keys)))
 
 
 def test_a_square_net_from_files_has_the_metrics_of_the_square_topology(tmp_path: Path) -> None:
@@ -94,8 +94,8 @@ def test_threads_that_cross_without_a_node_leave_no_meshes() -> None:
     keys = {"topology": "explicit", "cable": CABLE, "corners": [0, 1, 2, 3]}
     crossed = {"nodes": nodes[:4], "elements": [*ring, [0, 2], [1, 3]]}
     joined = {"nodes": nodes, "elements": [*ring, [0, 4], [4, 2], [1, 4], [4, 3]]}
-    assert weave(ExplicitNetConfig.model_validate(keys | crossed)).faces == ()
-    assert len(weave(ExplicitNetConfig.model_validate(keys | joined)).faces) == 4
+    assert weave(ExplicitNet.model_validate(keys | crossed)).faces == ()
+    assert len(weave(ExplicitNet.model_validate(keys | joined)).faces) == 4
 
 
 def test_threads_have_their_cables_and_elements_their_order(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from scenes import SHIPPED_CASES
 import exunet
 from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.rotations import rotation_matrix
-from exunet.net.arrays import Tether
+from exunet.net.arrays import TetherNodes
 from exunet.plots.view import STEPS, page, save_view, write_page
 from exunet.results.observables import Observables
 from exunet.results.outcome import Outcome, outcome
@@ -447,7 +447,7 @@ ODD = {
     "nodes in one point": result(SINGLE, [0.0, 1.0], np.zeros((2, 4, 3))),
     "incomplete": replace(scene(), complete=False, verdict="energy"),
     "tethers alone": replace(
-        unfolding(square_net()), net=replace(square_net(), tethers=(Tether("tow", 3, (2, 3)),))
+        unfolding(square_net()), net=replace(square_net(), tethers=(TetherNodes("tow", 3, (2, 3)),))
     ),
 }
 

@@ -2,11 +2,11 @@
 
 An effect's module has
 
-- its record, `AirDragConfig` in `air_drag`: keys, units, bounds; no default for a physical quantity; where
-  there are alternatives, `AnyAirDragConfig`, a tagged union of its subclasses;
+- its record, `AirDrag` in `air_drag`: keys, units, bounds; no default for a physical quantity; where
+  there are alternatives, `AnyAirDrag`, a tagged union of its subclasses;
 - `terms(keys, blocks)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
   `exunet.forces.terms`) or `ElementLaw` (`exunet.forces.cable_term`);
-- `nominal(basis) -> (AirDragConfig, assumption)`: what to assume for an estimate if the case does not have
+- `nominal(basis) -> (AirDrag, assumption)`: what to assume for an estimate if the case does not have
   the effect; None if nothing can be assumed for this scene;
 - `magnitude(keys, basis) -> Estimate`: the order of magnitude of what leaving it out would change;
 - if it contradicts other effects or needs them, `EXCLUDES` or `REQUIRES`: their names, with the reasons;

@@ -32,7 +32,7 @@ BULLET_KEYS = ("bullet_drag_coefficient", "bullet_area")
 ON_THE_NET_ALONE = True
 
 
-class AirDragConfig(Record):
+class AirDrag(Record):
     """Drag in still air: cross-flow on the cables, and on the bullets."""
 
     density: Positive = Field(description="density of the air [kg/m3]", examples=[1.225])
@@ -47,7 +47,7 @@ class AirDragConfig(Record):
     )
 
 
-def terms(keys: AirDragConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: AirDrag, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One kernel term for the elements, one for the bullets if there are any."""
     net = blocks.net
     first, second = (3 * net.element_nodes.T).astype(Index)
@@ -121,11 +121,11 @@ def add_bullet_drag(t: float, x: Any, v: Any, drag: Any, force: Any) -> None:
             force[k + axis] -= factor * speed * v[k + axis]
 
 
-def nominal(basis: EstimateBasis) -> tuple[AirDragConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[AirDrag, str]:
     """Air at sea level, cylinders and balls below the drag crisis (Hoerner)."""
     bullets = basis.net.bullet_nodes
     area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
-    keys = AirDragConfig.model_validate(
+    keys = AirDrag.model_validate(
         {
             "density": 1.225,
             "drag_coefficient": 1.1,
@@ -136,7 +136,7 @@ def nominal(basis: EstimateBasis) -> tuple[AirDragConfig, str]:
     return keys, "1.225 kg/m3, C = 1.1 on cables" + (", 0.47 on balls of aluminium" if area else "")
 
 
-def magnitude(keys: AirDragConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: AirDrag, basis: EstimateBasis) -> Estimate:
     """The force on the nominal motion, as a rate of decay.
 
     Cables that bullets pull from rest gain their speed over the scene: with v growing as t, the double

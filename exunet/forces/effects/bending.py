@@ -27,7 +27,7 @@ EXCLUDES = {"breaking": "the springs would remain across a broken element"}
 STRAIGHT = 1e-6  # sine of the largest angle in the reference configuration over which a thread runs on
 
 
-class BendingConfig(Record):
+class Bending(Record):
     """Rotational springs along the threads of the net."""
 
     modulus: NonNegative = Field(
@@ -72,7 +72,7 @@ def _in_the_net(net: Net) -> Iterator[tuple[int, int, int, int, int]]:
                     yield before, node, after, e, f
 
 
-def springs(keys: BendingConfig, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def springs(keys: Bending, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nodes (k, 3), their weights (k, 3) [1/m] in d2 / L2 - d1 / L1, and spring constants (k,) [N m]."""
     nodes, length, elements = joints(net)
     weight = np.stack([1.0 / length[:, 0], -(1.0 / length).sum(axis=1), 1.0 / length[:, 1]], axis=1)
@@ -80,22 +80,22 @@ def springs(keys: BendingConfig, net: Net) -> tuple[np.ndarray, np.ndarray, np.n
     return nodes, weight, keys.modulus * inertia / length.mean(axis=1)
 
 
-def internal(keys: BendingConfig) -> bool:
+def internal(keys: Bending) -> bool:
     """Its forces are pulls along elements, or springs whose forces and moments cancel."""
     return True
 
 
-def not_with_reels(keys: BendingConfig) -> str:
+def not_with_reels(keys: Bending) -> str:
     """Why the threads of a reel cannot have it."""
     return "threads on a drum have no bending stiffness"
 
 
-def not_with_perimeter(keys: BendingConfig) -> str:
+def not_with_perimeter(keys: Bending) -> str:
     """Why an edge that becomes shorter cannot have it."""
     return "its stiffness is of threads that keep their length"
 
 
-def terms(keys: BendingConfig, blocks: Blocks) -> tuple[LinearTerm, ...]:
+def terms(keys: Bending, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """The constant stiffness of all springs; nothing if no thread runs on or the modulus is zero."""
     nodes, weight, constant = springs(keys, blocks.net)
     if not len(nodes) or not constant.any():
@@ -108,13 +108,13 @@ def terms(keys: BendingConfig, blocks: Blocks) -> tuple[LinearTerm, ...]:
     return (LinearTerm(stiffness=scipy.sparse.csr_array(scipy.sparse.kron(along, np.eye(3)))),)
 
 
-def nominal(basis: EstimateBasis) -> tuple[BendingConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[Bending, str]:
     """A solid thread, the most there can be."""
     modulus = float(basis.net.youngs_modulus.max(initial=0.0))
-    return BendingConfig(modulus=modulus), f"a solid thread, E_b = E = {modulus:.3g} Pa (an upper bound)"
+    return Bending(modulus=modulus), f"a solid thread, E_b = E = {modulus:.3g} Pa (an upper bound)"
 
 
-def magnitude(keys: BendingConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: Bending, basis: EstimateBasis) -> Estimate:
     """Threads bent by one radian at each node: the springs' forces, and the way until they are straight."""
     net = basis.net
     nodes, weight, constant = springs(keys, net)

@@ -26,7 +26,7 @@ NEEDS_ZERO = {
 }
 
 
-class BreakingConfig(Record):
+class Breaking(Record):
     """Elements break for good at a strain or a force."""
 
     EXACTLY_ONE: ClassVar = ("strain", "force")
@@ -43,22 +43,22 @@ class BreakingConfig(Record):
     )
 
 
-def internal(keys: BreakingConfig) -> bool:
+def internal(keys: Breaking) -> bool:
     """Its forces are pulls along elements, or springs whose forces and moments cancel."""
     return True
 
 
-def not_with_reels(keys: BreakingConfig) -> str:
+def not_with_reels(keys: Breaking) -> str:
     """Why the threads of a reel cannot have it."""
     return "elements of a tether on a reel do not break"
 
 
-def not_with_perimeter(keys: BreakingConfig) -> str:
+def not_with_perimeter(keys: Breaking) -> str:
     """Why an edge that becomes shorter cannot have it."""
     return "threads that become shorter do not break"
 
 
-def terms(keys: BreakingConfig, blocks: Blocks) -> tuple[ElementLaw, ...]:
+def terms(keys: Breaking, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The limit of every element."""
     everywhere = np.ones(blocks.net.n_elements)
     if keys.strain is not None:
@@ -67,7 +67,7 @@ def terms(keys: BreakingConfig, blocks: Blocks) -> tuple[ElementLaw, ...]:
     return (ElementLaw(breaking_force=keys.force * everywhere),)
 
 
-def limits(keys: BreakingConfig, net: Net, free_strain: float = 0.0) -> Floats:
+def limits(keys: Breaking, net: Net, free_strain: float = 0.0) -> Floats:
     """(n_elements,) axial force [N] at which each element breaks; free_strain: of a thermal strain."""
     if keys.force is not None:
         return np.full(net.n_elements, keys.force)
@@ -77,12 +77,12 @@ def limits(keys: BreakingConfig, net: Net, free_strain: float = 0.0) -> Floats:
     return np.asarray(keys.strain * math.sqrt(1.0 + 2.0 * (keys.strain + free_strain)) * net.axial_stiffness)
 
 
-def nominal(basis: EstimateBasis) -> tuple[BreakingConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[Breaking, str]:
     """Strain at break of aramid fibre."""
-    return BreakingConfig.model_validate({"strain": 0.03}), "breaks at a strain of 0.03, as aramid fibres do"
+    return Breaking.model_validate({"strain": 0.03}), "breaks at a strain of 0.03, as aramid fibres do"
 
 
-def magnitude(keys: BreakingConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: Breaking, basis: EstimateBasis) -> Estimate:
     """Nothing if the hardest snap stays below the limit, else the way of what flies off at its speed."""
     snap, strain = snap_of(basis), hardest_strain(basis)
     limit = keys.strain

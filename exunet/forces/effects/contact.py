@@ -145,7 +145,7 @@ class RegularisedFriction(Record):
         return Friction(self.coefficient, self.slip_speed)
 
 
-class ContactConfig(ImpactDampingConfig):
+class Contact(ImpactDampingConfig):
     """Threads, nodes and bullets touch bodies, and bodies each other."""
 
     NEEDS: ClassVar[dict[str, tuple[str, ...]]]  # of what touches, the keys that go with it
@@ -222,7 +222,7 @@ class ContactConfig(ImpactDampingConfig):
     def _of_spheres(self, what: str) -> SphereLaw: ...
 
 
-class LinearContactConfig(ContactConfig):
+class LinearContact(Contact):
     """A force in proportion to the penetration."""
 
     NEEDS: ClassVar = {
@@ -263,7 +263,7 @@ class LinearContactConfig(ContactConfig):
         return SphereLaw(stiffness, 1.0, self.a, stiffness)
 
 
-class HertzContactConfig(ContactConfig):
+class HertzContact(Contact):
     """Hertz's law."""
 
     NEEDS: ClassVar = {"nodes": ("node_radius",), "bullets": ("bullet_radius",)}
@@ -288,10 +288,10 @@ class HertzContactConfig(ContactConfig):
         )
 
 
-AnyContactConfig = Annotated[LinearContactConfig | HertzContactConfig, Field(discriminator="law")]
+AnyContact = Annotated[LinearContact | HertzContact, Field(discriminator="law")]
 
 
-def cross_checks(keys: ContactConfig, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: Contact, rest: RestOfCase) -> Iterator[Fault]:
     """Require bodies that can be touched, and bullets where bullets touch."""
     for key in ("threads", "nodes", "bullets"):
         yield from named(keys, rest, key)
@@ -300,18 +300,18 @@ def cross_checks(keys: ContactConfig, rest: RestOfCase) -> Iterator[Fault]:
         yield Fault("bullets", "the net has no bullets: add [net.bullets] or remove this key")
 
 
-def touched_bodies(keys: ContactConfig) -> frozenset[str]:
+def touched_bodies(keys: Contact) -> frozenset[str]:
     """Names of the bodies that threads, nodes, bullets or other bodies touch."""
     of_pairs = (name for pair in keys.bodies for name in pair)
     return frozenset((*keys.threads, *keys.nodes, *keys.bullets, *of_pairs))
 
 
-def touching_pairs(keys: ContactConfig) -> tuple[tuple[str, str], ...]:
+def touching_pairs(keys: Contact) -> tuple[tuple[str, str], ...]:
     """Pairs of names of the bodies that touch each other."""
     return keys.bodies
 
 
-def largest_radius(keys: ContactConfig, net: Net) -> float:
+def largest_radius(keys: Contact, net: Net) -> float:
     """Of threads, nodes and bullets that touch [m]."""
     threads = float(np.sqrt(net.area / math.pi).max(initial=0.0)) if keys.threads else 0.0
     nodes = keys.node_radius if keys.nodes else None
@@ -319,17 +319,17 @@ def largest_radius(keys: ContactConfig, net: Net) -> float:
     return max(threads, nodes or 0.0, bullets or 0.0)
 
 
-def first_order_states(keys: ContactConfig) -> tuple[FirstOrder, ...]:
+def first_order_states(keys: Contact) -> tuple[FirstOrder, ...]:
     """Energy that damping and friction have taken [J]."""
     return tuple(FirstOrder(f"contact/{name}", (0.0,), "J", gives=-1.0) for name in ("damping", "friction"))
 
 
-def internal(keys: ContactConfig) -> bool:
+def internal(keys: Contact) -> bool:
     """Threads and bodies push each other at one point."""
     return True
 
 
-def terms(keys: ContactConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: Contact, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """A term for each body that threads, nodes and bullets touch, each its own; of pairs one or two."""
     found = []
     for body in keys.threads:
@@ -347,7 +347,7 @@ def terms(keys: ContactConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
 
 
 def _balls(
-    keys: ContactConfig, blocks: Blocks, what: Balls, body: str, radius: float | None, law: SphereLaw
+    keys: Contact, blocks: Blocks, what: Balls, body: str, radius: float | None, law: SphereLaw
 ) -> KernelTerm:
     assert radius is not None
     inside, surface = body == blocks.carrier, blocks.surfaces[body]
@@ -358,7 +358,7 @@ def nominal(basis: EstimateBasis) -> None:
     """Nothing can be assumed of what a net meets."""
 
 
-def magnitude(keys: ContactConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: Contact, basis: EstimateBasis) -> Estimate:
     """What a full stop of the net by a body would change; without one, that of bodies by each other.
 
     Where the net flies past in the nominal motion, the stop may come later all the same: threads swing out.
@@ -387,7 +387,7 @@ def _largest_force(k: float, n: float, mass: float, speed: float) -> float:
     return float(k * depth**n)
 
 
-def _of_meetings(keys: ContactConfig, basis: EstimateBasis) -> Estimate:
+def _of_meetings(keys: Contact, basis: EstimateBasis) -> Estimate:
     """The hardest of those that may come: a ball or a corner stops the reduced mass.
 
     By Hertz's law its stiffness is that of a radius of 1 m.

@@ -18,24 +18,24 @@ ON_THE_GROUND = True  # what is off in a case is not advised for a scene in spac
 EXCLUDES = {"orbit": "in the frame of an orbit the Earth's gravity is already in it; keep one"}
 
 
-class GravityConfig(Record):
+class Gravity(Record):
     """Uniform gravity, as on the ground or in a parabolic flight."""
 
     acceleration: Vector = Field(description="g [m/s2]", examples=[[0.0, 0.0, -9.81]])
 
 
-def terms(keys: GravityConfig, blocks: Blocks) -> tuple[Term, ...]:
+def terms(keys: Gravity, blocks: Blocks) -> tuple[Term, ...]:
     """Load m g on each node, and at the centre of mass of each body."""
     load = LinearTerm(load=np.outer(blocks.own_mass, keys.acceleration).ravel())
     return load, *weight_on_bodies(blocks, keys.acceleration)
 
 
-def nominal(basis: EstimateBasis) -> tuple[GravityConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[Gravity, str]:
     """A test on the ground."""
-    return GravityConfig(acceleration=(0.0, 0.0, -9.81)), "9.81 m/s2, a test on the ground"
+    return Gravity(acceleration=(0.0, 0.0, -9.81)), "9.81 m/s2, a test on the ground"
 
 
-def magnitude(keys: GravityConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: Gravity, basis: EstimateBasis) -> Estimate:
     """Free fall, or the net's size where it hangs."""
     g = math.hypot(*keys.acceleration)
     return Estimate(g, basis.ballistic(g), f"free fall, g = {g:.3g} m/s2")

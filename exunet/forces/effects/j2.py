@@ -26,11 +26,11 @@ from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import Term
 
 REQUIRES = {"orbit": "of which it is a correction"}
-J2 = 1.08262668e-3  # EGM-96, Vallado table D-1
+EARTH_J2 = 1.08262668e-3  # EGM-96, Vallado table D-1
 LONGEST = 0.05  # of an orbit, during which the gradient is taken as constant
 
 
-class J2Config(CircularOrbitConfig):
+class J2(CircularOrbitConfig):
     """Difference of the J2 gravity along the net, linear and at one place of the orbit."""
 
     inclination: float = Field(
@@ -41,7 +41,7 @@ class J2Config(CircularOrbitConfig):
     )
 
 
-def gradient(keys: J2Config) -> NDArray[np.float64]:
+def gradient(keys: J2) -> NDArray[np.float64]:
     """(3, 3) second derivatives of the J2 potential at the origin, in the scene's axes [1/s2]."""
     radial, along = np.array(keys.radial), np.array(keys.along_track)
     tilt, angle = keys.inclination, keys.argument_of_latitude
@@ -51,16 +51,16 @@ def gradient(keys: J2Config) -> NDArray[np.float64]:
     kk, rr = np.outer(axis, axis), np.outer(radial, radial)
     kr = np.outer(axis, radial) + np.outer(radial, axis)
     shape = 6.0 * kk - 30.0 * s * kr + (105.0 * s * s - 15.0) * rr + (3.0 - 15.0 * s * s) * np.eye(3)
-    return np.asarray(-0.5 * EARTH_MU * J2 * EARTH_RADIUS**2 / keys.radius**5 * shape)
+    return np.asarray(-0.5 * EARTH_MU * EARTH_J2 * EARTH_RADIUS**2 / keys.radius**5 * shape)
 
 
-def terms(keys: J2Config, blocks: Blocks) -> tuple[Term, ...]:
+def terms(keys: J2, blocks: Blocks) -> tuple[Term, ...]:
     """A constant stiffness -m G on each node; on bodies the force at the centre, and the torque."""
     stiffness = each_node(blocks.own_mass, -gradient(keys))
     return LinearTerm(stiffness=stiffness), *field_on_bodies(blocks, gradient(keys))
 
 
-def cross_checks(keys: J2Config, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: J2, rest: RestOfCase) -> Iterator[Fault]:
     """The same orbit as effects.orbit, and a scene that is short compared with it."""
     orbit = rest.effect("orbit")
     for key in ("altitude", "mean_motion", "radial", "along_track"):
@@ -72,10 +72,10 @@ def cross_checks(keys: J2Config, rest: RestOfCase) -> Iterator[Fault]:
         yield Fault("", f"{words}; the scene lasts {rest.duration:g} s")
 
 
-def nominal(basis: EstimateBasis) -> tuple[J2Config, str]:
+def nominal(basis: EstimateBasis) -> tuple[J2, str]:
     """The case's orbit, or one at 700 km: sun-synchronous, half-way between node and highest latitude."""
     orbit = NOMINAL if basis.orbit is None else basis.orbit
-    keys = J2Config.model_validate(
+    keys = J2.model_validate(
         {
             **{key: getattr(orbit, key) for key in CircularOrbitConfig.model_fields if orbit.is_given(key)},
             "inclination": math.radians(98.2),
@@ -85,7 +85,7 @@ def nominal(basis: EstimateBasis) -> tuple[J2Config, str]:
     return keys, f"{orbit.words}, inclined 98 degrees, at latitude argument 45 degrees"
 
 
-def magnitude(keys: J2Config, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: J2, basis: EstimateBasis) -> Estimate:
     """The gradient times the places of the nominal motion."""
     acceleration = basis.rms(basis.middle @ gradient(keys))
     norm = float(np.linalg.norm(gradient(keys), 2))

@@ -71,7 +71,7 @@ class Law(NamedTuple):
     exponent: float = 0.0
 
 
-class LaunchForceConfig(Record):
+class LaunchForce(Record):
     """Springs or gas push the bullets out of barrels; a chaser takes the reaction."""
 
     EXACTLY_ONE: ClassVar = ("chaser_mass", "body")
@@ -106,13 +106,13 @@ class LaunchForceConfig(Record):
         return energy_of(0.0, self.law)
 
 
-class SpringLaunchForceConfig(LaunchForceConfig):
+class SpringLaunchForce(LaunchForce):
     """Springs push the bullets."""
 
     kind: Literal["spring"] = Field(description="springs, F0 (1 - s / stroke)")
 
 
-class GasLaunchForceConfig(LaunchForceConfig):
+class GasLaunchForce(LaunchForce):
     """Gas pushes the bullets."""
 
     kind: Literal["gas"] = Field(description="gas that expands adiabatically")
@@ -127,20 +127,20 @@ class GasLaunchForceConfig(LaunchForceConfig):
         return Law(self.force, self.stroke, self.dead_length, self.exponent)
 
 
-AnyLaunchForceConfig = Annotated[SpringLaunchForceConfig | GasLaunchForceConfig, Field(discriminator="kind")]
+AnyLaunchForce = Annotated[SpringLaunchForce | GasLaunchForce, Field(discriminator="kind")]
 
 
-def point_masses(keys: LaunchForceConfig) -> tuple[PointMass, ...]:
+def point_masses(keys: LaunchForce) -> tuple[PointMass, ...]:
     """The chaser, at the origin; none if it is a rigid body."""
     return () if keys.chaser_mass is None else (PointMass("chaser", keys.chaser_mass),)
 
 
-def internal(keys: LaunchForceConfig) -> bool:
+def internal(keys: LaunchForce) -> bool:
     """True of barrels on a body; the forces on bullets and a point mass are not on one line."""
     return keys.body is not None
 
 
-def terms(keys: LaunchForceConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: LaunchForce, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One conservative term over the bullets and the chaser; the stroke counts from the start."""
     axes = barrels(keys, blocks.net)
     if keys.body is None:
@@ -166,7 +166,7 @@ def push_from_mass(blocks: Blocks, chaser: str, axes: Floats, law: Law) -> Kerne
     )
 
 
-def barrels(keys: LaunchForceConfig, net: Net) -> np.ndarray:
+def barrels(keys: LaunchForce, net: Net) -> np.ndarray:
     """(n_bullets, 3) unit vectors: spread_angle from +z towards each bullet's reference position."""
     outward = net.reference_position[net.bullet_nodes]
     outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
@@ -393,12 +393,12 @@ def push_of_mass_potential(x: Any, barrels: Any) -> float:
     return total
 
 
-def cross_checks(keys: LaunchForceConfig, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: LaunchForce, rest: RestOfCase) -> Iterator[Fault]:
     """Require that the body exists."""
     yield from existing_body("body", keys.body, rest)
 
 
-def nominal(basis: EstimateBasis) -> tuple[LaunchForceConfig, str] | None:
+def nominal(basis: EstimateBasis) -> tuple[LaunchForce, str] | None:
     """Springs that give the bullets the speed they have, over 0.05 m, from a chaser of 500 kg."""
     bullets = basis.net.bullet_nodes
     if not len(bullets):
@@ -408,7 +408,7 @@ def nominal(basis: EstimateBasis) -> tuple[LaunchForceConfig, str] | None:
     if speed == 0.0:
         return None
     stroke = 0.05
-    keys = SpringLaunchForceConfig.model_validate(
+    keys = SpringLaunchForce.model_validate(
         {
             "kind": "spring",
             "force": float(basis.net.mass[bullets[0]]) * speed**2 / stroke,
@@ -420,7 +420,7 @@ def nominal(basis: EstimateBasis) -> tuple[LaunchForceConfig, str] | None:
     return keys, f"springs of 0.05 m that give {speed:.3g} m/s, a chaser of 500 kg"
 
 
-def magnitude(keys: LaunchForceConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: LaunchForce, basis: EstimateBasis) -> Estimate:
     """The bullets' flight at the speed that the work gives them; as fast already: the way they lag behind.
 
     Without the stroke they would start at full speed; with constant force they lag behind by one stroke.

@@ -16,13 +16,13 @@ from exunet.forces.terms import Term
 NUMERICAL = True  # proportional damping: no material or medium has it
 
 
-class MassDampingConfig(Record):
+class MassDamping(Record):
     """A force -alpha m v on every node."""
 
     alpha: NonNegative = Field(description="decay rate of the velocity [1/s]", examples=[0.1])
 
 
-def terms(keys: MassDampingConfig, blocks: Blocks) -> tuple[Term, ...]:
+def terms(keys: MassDamping, blocks: Blocks) -> tuple[Term, ...]:
     """The diagonal damping matrix alpha M, and the same on bodies; nothing if alpha is zero."""
     if keys.alpha == 0.0:
         return ()
@@ -30,12 +30,12 @@ def terms(keys: MassDampingConfig, blocks: Blocks) -> tuple[Term, ...]:
     return LinearTerm(damping=damping), *braking_on_bodies(blocks, keys.alpha)
 
 
-def nominal(basis: EstimateBasis) -> tuple[MassDampingConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[MassDamping, str]:
     """The paper's coefficient."""
-    return MassDampingConfig(alpha=1e-3), "alpha = 1e-3 1/s (paper, sec. 3.3)"
+    return MassDamping(alpha=1e-3), "alpha = 1e-3 1/s (paper, sec. 3.3)"
 
 
-def magnitude(keys: MassDampingConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: MassDamping, basis: EstimateBasis) -> Estimate:
     """The way lost by a speed that decays as exp(-alpha t)."""
     return Estimate(
         keys.alpha * basis.speed,

@@ -17,7 +17,7 @@ from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, snap_of
 
 
-class MaterialDampingConfig(Record):
+class MaterialDamping(Record):
     """Viscous stress along the current direction, only while taut."""
 
     relaxation_time: NonNegative = Field(
@@ -25,24 +25,24 @@ class MaterialDampingConfig(Record):
     )
 
 
-def internal(keys: MaterialDampingConfig) -> bool:
+def internal(keys: MaterialDamping) -> bool:
     """Its forces are pulls along elements, or springs whose forces and moments cancel."""
     return True
 
 
-def terms(keys: MaterialDampingConfig, blocks: Blocks) -> tuple[ElementLaw, ...]:
+def terms(keys: MaterialDamping, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The same relaxation time for every element; nothing if it is zero."""
     if keys.relaxation_time == 0.0:
         return ()
     return (ElementLaw(relaxation_time=np.full(blocks.net.n_elements, keys.relaxation_time)),)
 
 
-def nominal(basis: EstimateBasis) -> tuple[MaterialDampingConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[MaterialDamping, str]:
     """As the paper's beta, which damps the same modes alike while taut."""
-    return MaterialDampingConfig(relaxation_time=1e-8), "tau = 1e-8 s, as the paper's beta"
+    return MaterialDamping(relaxation_time=1e-8), "tau = 1e-8 s, as the paper's beta"
 
 
-def magnitude(keys: MaterialDampingConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: MaterialDamping, basis: EstimateBasis) -> Estimate:
     """Speed lost in the hardest snap, v (1 - exp(-pi tau omega / 2)), over half of the time."""
     snap = snap_of(basis)
     ratio = 0.5 * keys.relaxation_time * snap.frequency

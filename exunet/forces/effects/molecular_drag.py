@@ -35,7 +35,7 @@ BULLET_KEYS = ("bullet_area",)
 ON_THE_NET_ALONE = True
 
 
-class MolecularDragConfig(Record):
+class MolecularDrag(Record):
     """Drag of the thin gas in orbit on tumbling cables and on bullets."""
 
     EXACTLY_ONE: ClassVar = ("density", "altitude")
@@ -64,7 +64,7 @@ class MolecularDragConfig(Record):
         return self.density if self.density is not None else exponential_density(self.altitude or 0.0)
 
 
-def terms(keys: MolecularDragConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: MolecularDrag, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One kernel term over all nodes."""
     factor = 0.5 * keys.gas_density * keys.drag_coefficient * tumbling_areas(blocks, keys.bullet_area)
     flow = np.array(keys.flow)
@@ -93,7 +93,7 @@ def add_molecular_drag(t: float, x: Any, v: Any, gas: Any, force: Any) -> None:
         force[k + 2] += scale * uz
 
 
-def cross_checks(keys: MolecularDragConfig, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: MolecularDrag, rest: RestOfCase) -> Iterator[Fault]:
     """The height of the orbit, if there is one."""
     orbit = rest.effect("orbit")
     height = orbit.altitude if orbit is not None else None
@@ -101,7 +101,7 @@ def cross_checks(keys: MolecularDragConfig, rest: RestOfCase) -> Iterator[Fault]
         yield Fault("altitude", f"differs from that of effects.orbit, {height:g} m")
 
 
-def nominal(basis: EstimateBasis) -> tuple[MolecularDragConfig, str] | None:
+def nominal(basis: EstimateBasis) -> tuple[MolecularDrag, str] | None:
     """The orbit of the case, or one at 700 km, through gas at rest; bullets as balls of aluminium.
 
     None below the heights for which the density is known.
@@ -111,7 +111,7 @@ def nominal(basis: EstimateBasis) -> tuple[MolecularDragConfig, str] | None:
         return None
     area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
     speed = orbit.rate * orbit.radius
-    keys = MolecularDragConfig.model_validate(
+    keys = MolecularDrag.model_validate(
         {
             "altitude": min(orbit.height, HIGHEST),  # above, the gas is thinner still
             "flow": tuple(-speed * part for part in orbit.along_track),
@@ -123,7 +123,7 @@ def nominal(basis: EstimateBasis) -> tuple[MolecularDragConfig, str] | None:
     return keys, f"{orbit.words}, {speed / 1e3:.1f} km/s, C = 2.2{balls}"
 
 
-def magnitude(keys: MolecularDragConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: MolecularDrag, basis: EstimateBasis) -> Estimate:
     """The force on nodes at rest."""
     term = terms(keys, basis.blocks)[0]
     force = np.zeros(3 * basis.net.n_nodes)

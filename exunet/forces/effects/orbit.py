@@ -23,7 +23,7 @@ from exunet.forces.on_bodies import field_on_bodies
 from exunet.forces.terms import KernelTerm, Term
 
 
-class OrbitConfig(CircularOrbitConfig):
+class Orbit(CircularOrbitConfig):
     """The scene's axes turn with a circular orbit round the Earth (Hill's frame)."""
 
     model: Literal["linear", "two_body"] = Field(
@@ -31,7 +31,7 @@ class OrbitConfig(CircularOrbitConfig):
     )
 
 
-def terms(keys: OrbitConfig, blocks: Blocks) -> tuple[Term, ...]:
+def terms(keys: Orbit, blocks: Blocks) -> tuple[Term, ...]:
     """Coriolis force as a constant matrix; the rest as one too (linear), or as a kernel term (two_body).
 
     On bodies both, and the torque of the gradient and of the turning frame; of the linear gradient in either
@@ -97,15 +97,15 @@ def two_body_potential(x: Any, orbit: Any) -> float:
     return total
 
 
-def nominal(basis: EstimateBasis) -> tuple[OrbitConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[Orbit, str]:
     """An orbit at 700 km; the throw along the radial, the net's plane in the local horizon."""
-    keys = OrbitConfig.model_validate(
+    keys = Orbit.model_validate(
         {"altitude": 700e3, "radial": (0.0, 0.0, 1.0), "along_track": (1.0, 0.0, 0.0), "model": "linear"}
     )
     return keys, "an orbit at 700 km, the radial along z"
 
 
-def magnitude(keys: OrbitConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: Orbit, basis: EstimateBasis) -> Estimate:
     """Coriolis, gradient and centrifugal acceleration of the nominal motion, of the linear model."""
     rate, normal = keys.rate, np.cross(keys.radial, keys.along_track)
     radial = basis.middle @ np.array(keys.radial)

@@ -27,24 +27,24 @@ from exunet.forces.terms import Term
 NUMERICAL = True  # proportional damping: no material or medium has it
 
 
-class RayleighDampingConfig(Record):
+class RayleighDamping(Record):
     """D = alpha M + beta T(reference), eq. (13)."""
 
     alpha: NonNegative = Field(description="factor of the mass matrix [1/s]", examples=[1e-3])
     beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]", examples=[1e-8])
 
 
-def not_with_reels(keys: RayleighDampingConfig) -> str:
+def not_with_reels(keys: RayleighDamping) -> str:
     """Why the threads of a reel cannot have it."""
     return "its beta would damp along elements on the drum; use material_damping" if keys.beta else ""
 
 
-def not_with_perimeter(keys: RayleighDampingConfig) -> str:
+def not_with_perimeter(keys: RayleighDamping) -> str:
     """Why an edge that becomes shorter cannot have it."""
     return "its beta damps threads as if they kept their length; use material_damping" if keys.beta else ""
 
 
-def terms(keys: RayleighDampingConfig, blocks: Blocks) -> tuple[Term, ...]:
+def terms(keys: RayleighDamping, blocks: Blocks) -> tuple[Term, ...]:
     """The constant damping matrix of eq. (13); its part by the mass on bodies too."""
     if keys.beta and (faults := list(_without_direction(blocks))):
         raise CaseError(faults)
@@ -64,7 +64,7 @@ def _without_direction(blocks: Blocks) -> Iterator[Fault]:
             yield Fault(f"tethers.{name}.end", f"{words} along: move one, or use material_damping")
 
 
-def matrix(keys: RayleighDampingConfig, blocks: Blocks) -> scipy.sparse.csr_array:
+def matrix(keys: RayleighDamping, blocks: Blocks) -> scipy.sparse.csr_array:
     """D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
     stiffness = reference_tangent_stiffness(blocks.net, blocks.position, blocks.poses.net, blocks.n_points)
     damping = scipy.sparse.diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)) + keys.beta * stiffness
@@ -73,12 +73,12 @@ def matrix(keys: RayleighDampingConfig, blocks: Blocks) -> scipy.sparse.csr_arra
     return damping
 
 
-def nominal(basis: EstimateBasis) -> tuple[RayleighDampingConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[RayleighDamping, str]:
     """The paper's coefficients."""
-    return RayleighDampingConfig(alpha=1e-3, beta=1e-8), "alpha = 1e-3 1/s, beta = 1e-8 s (paper, sec. 3.3)"
+    return RayleighDamping(alpha=1e-3, beta=1e-8), "alpha = 1e-3 1/s, beta = 1e-8 s (paper, sec. 3.3)"
 
 
-def magnitude(keys: RayleighDampingConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: RayleighDamping, basis: EstimateBasis) -> Estimate:
     """The way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
     speed = basis.rms(basis.velocity)
     rate = 0.0

@@ -25,7 +25,7 @@ from exunet.net.arrays import Floats, Net
 EXCLUDES = {"breaking": "the line between the ends of a broken element would still touch"}
 
 
-class SelfContactConfig(ImpactDampingConfig):
+class SelfContact(ImpactDampingConfig):
     """Threads of the net touch each other."""
 
     stiffness: Positive = Field(
@@ -38,7 +38,7 @@ class SelfContactConfig(ImpactDampingConfig):
     )
 
 
-def cross_checks(keys: SelfContactConfig, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: SelfContact, rest: RestOfCase) -> Iterator[Fault]:
     """Require a radius that is not below that of the threads."""
     net, radius = rest.scene.net, keys.radius
     if radius is None:
@@ -49,37 +49,37 @@ def cross_checks(keys: SelfContactConfig, rest: RestOfCase) -> Iterator[Fault]:
             yield Fault("radius", f"must be at least that of {words}, {own:.6g} m, got {radius:g}")
 
 
-def first_order_states(keys: SelfContactConfig) -> tuple[FirstOrder, ...]:
+def first_order_states(keys: SelfContact) -> tuple[FirstOrder, ...]:
     """Energy that damping has taken [J]."""
     return (FirstOrder(f"{NAME}/damping", (0.0,), "J", gives=-1.0),)
 
 
-def internal(keys: SelfContactConfig) -> bool:
+def internal(keys: SelfContact) -> bool:
     """Threads push each other."""
     return True
 
 
-def terms(keys: SelfContactConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: SelfContact, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One term for all elements of the net and its strings; none for a single one."""
     if blocks.net.n_net_elements < 2:
         return ()
     return (threads_together(blocks, radii(keys, blocks.net), keys.stiffness, keys.a),)
 
 
-def radii(keys: SelfContactConfig, net: Net) -> Floats:
+def radii(keys: SelfContact, net: Net) -> Floats:
     """(m,) of the elements of the net and its strings [m]."""
     if keys.radius is not None:
         return np.full(net.n_net_elements, keys.radius)
     return np.asarray(np.sqrt(net.area[: net.n_net_elements] / math.pi))
 
 
-def nominal(basis: EstimateBasis) -> tuple[SelfContactConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[SelfContact, str]:
     """Threads as thick as they are; what they exchange as they meet hardly depends on the stiffness."""
-    keys = SelfContactConfig.model_validate({"stiffness": 1e5, "damping": 0.0})
+    keys = SelfContact.model_validate({"stiffness": 1e5, "damping": 0.0})
     return keys, "threads of their own radius, without damping"
 
 
-def magnitude(keys: SelfContactConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: SelfContact, basis: EstimateBasis) -> Estimate:
     """Meetings of threads once the net has opened and springs back, as lines that fly through each other.
 
     Where the net meets a body, what lies on it stops, and the others go on at the speed of the meeting. A

@@ -23,7 +23,7 @@ LIGHT = 299792458.0  # [m/s]
 ON_THE_NET_ALONE = True
 
 
-class SolarPressureConfig(Record):
+class SolarPressure(Record):
     """Pressure of sunlight on tumbling cables and on bullets."""
 
     flux: Positive = Field(description="energy flux of sunlight [W/m2], 1361 at the Earth", examples=[1361.0])
@@ -47,24 +47,24 @@ class SolarPressureConfig(Record):
         return vector
 
 
-def terms(keys: SolarPressureConfig, blocks: Blocks) -> tuple[LinearTerm, ...]:
+def terms(keys: SolarPressure, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """A constant load on each node."""
     pressure = keys.pressure_coefficient * keys.flux / LIGHT
     area = tumbling_areas(blocks, keys.bullet_area)
     return (LinearTerm(load=np.outer(pressure * area, keys.direction).ravel()),)
 
 
-def nominal(basis: EstimateBasis) -> tuple[SolarPressureConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[SolarPressure, str]:
     """Near the Earth, bullets as balls of aluminium."""
     bullets = basis.net.bullet_nodes
     area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
-    keys = SolarPressureConfig.model_validate(
+    keys = SolarPressure.model_validate(
         {"flux": 1361.0, "direction": (1.0, 0.0, 0.0), "pressure_coefficient": 1.3, "bullet_area": area}
     )
     return keys, "1361 W/m2, C = 1.3" + (", balls of aluminium" if area else "")
 
 
-def magnitude(keys: SolarPressureConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: SolarPressure, basis: EstimateBasis) -> Estimate:
     """The load on each node."""
     load = terms(keys, basis.blocks)[0].load
     assert load is not None

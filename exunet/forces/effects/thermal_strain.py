@@ -20,7 +20,7 @@ from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.law import excess_over
 
 
-class ThermalStrainConfig(Record):
+class ThermalStrain(Record):
     """All cables at another temperature than in the reference configuration."""
 
     temperature_change: float = Field(
@@ -49,25 +49,25 @@ class ThermalStrainConfig(Record):
             yield Fault("", f"the thermal strain alpha dT must be between -0.1 and 0.1, got {strain:.3g}")
 
 
-def internal(keys: ThermalStrainConfig) -> bool:
+def internal(keys: ThermalStrain) -> bool:
     """Its forces are pulls along elements, or springs whose forces and moments cancel."""
     return True
 
 
-def terms(keys: ThermalStrainConfig, blocks: Blocks) -> tuple[ElementLaw, ...]:
+def terms(keys: ThermalStrain, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The same free strain for every element; nothing if it is zero."""
     if keys.stretch == 1.0:
         return ()
     return (ElementLaw(free_strain=np.full(blocks.net.n_elements, keys.free_strain)),)
 
 
-def nominal(basis: EstimateBasis) -> tuple[ThermalStrainConfig, str]:
+def nominal(basis: EstimateBasis) -> tuple[ThermalStrain, str]:
     """From a workshop into the shade of an orbit."""
-    keys = ThermalStrainConfig(temperature_change=-100.0, expansion_coefficient=5e-6)
+    keys = ThermalStrain(temperature_change=-100.0, expansion_coefficient=5e-6)
     return keys, "100 K colder, alpha = 5e-6 1/K"
 
 
-def magnitude(keys: ThermalStrainConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: ThermalStrain, basis: EstimateBasis) -> Estimate:
     """The change of the open net's distances; of a net that starts taut, the flight on its elastic energy.
 
     Cold cables stretch a net that was just taut; it pulls itself together, goes slack, and flies on.

@@ -25,7 +25,7 @@ MEMORY = "thrust/knots_passed"
 PASSED, SINCE, FACTOR = 0, 1, 2  # in it: how many knots, from when on they count [s], of all forces
 
 
-class ThrustConfig(Record):
+class Thrust(Record):
     """A given force over time on chosen bullets."""
 
     bullets: Annotated[tuple[Number, ...], FromArray] = Field(
@@ -54,16 +54,18 @@ class ThrustConfig(Record):
             yield Fault("force", words)
 
 
-def cross_checks(keys: ThrustConfig, rest: RestOfCase) -> Iterator[Fault]:
+def cross_checks(keys: Thrust, rest: RestOfCase) -> Iterator[Fault]:
     """Require bullets that the net has."""
     yield from existing_bullets(keys.bullets, rest)
 
 
-def _data_at(nodes: NDArray[Index], times: Floats, force: Floats, memory: Floats) -> Thrust:
-    return Thrust(nodes, memory[SINCE] + times, memory[FACTOR] * force, memory[[PASSED]].astype(np.int64))
+def _data_at(nodes: NDArray[Index], times: Floats, force: Floats, memory: Floats) -> ThrustTable:
+    return ThrustTable(
+        nodes, memory[SINCE] + times, memory[FACTOR] * force, memory[[PASSED]].astype(np.int64)
+    )
 
 
-def terms(keys: ThrustConfig, blocks: Blocks) -> tuple[KernelTerm, ...]:
+def terms(keys: Thrust, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One term over the chosen bullets. Its memory is the number of the knots passed: no step sees a kink;
     the time from which on the knots count [s]; the factor of all forces, which a script may set.
 
@@ -117,7 +119,7 @@ class Knots(Switch):
         return Change(np.array([self._passed(time, memory), *memory[SINCE:]]))
 
 
-class Thrust(NamedTuple):
+class ThrustTable(NamedTuple):
     """Forces over time.
 
     bullets : (n,) 3 x node of each bullet
@@ -148,7 +150,7 @@ def nominal(basis: EstimateBasis) -> None:
     """Nothing can be assumed: who pushes, when and where to is the design itself."""
 
 
-def magnitude(keys: ThrustConfig, basis: EstimateBasis) -> Estimate:
+def magnitude(keys: Thrust, basis: EstimateBasis) -> Estimate:
     """The bullets alone under the largest force, and their way under the given one until the end."""
     bullets = basis.net.bullet_nodes[list(keys.bullets)]
     mass = basis.net.mass[bullets]

@@ -17,7 +17,7 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.special import ellipj, ellipk, ellipkinc
 
 from exunet.net.drive import Drive
-from exunet.net.tether import Reel
+from exunet.net.tether import ReeledTether
 from exunet.studies.both_codes import BothCodes, Floats, Theirs, Trajectory
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.motions import best
@@ -159,7 +159,7 @@ def exchanges(case: BothCodes) -> Iterator[Check]:
         yield from _balances(case, code, motion, linear)
 
 
-def _first_command(case: BothCodes) -> tuple[Reel, Drive]:
+def _first_command(case: BothCodes) -> tuple[ReeledTether, Drive]:
     (winding,) = case.start.system.forces.cable.reels
     return winding.reel, winding.reel.drives[1]
 

@@ -34,7 +34,7 @@ def areas(case: BothCodes) -> Iterator[Check]:
                 against(f"shape {k}", float(area(net, net.reference_position @ a.T)), known, AREA, "m2")
             )
         yield worst_of(f"area of {what}, {len(maps)} flat shapes", checks)
-    if isinstance(case.start.scene.net, square.SquareNetConfig):
+    if isinstance(case.start.scene.net, square.SquareNet):
         folded = metrics.mouth_area(net, _folded(net.reference_position))
         yield against("area of the mouth, folded by a right angle", float(folded), flat * FOLDED, AREA, "m2")
 
@@ -48,9 +48,9 @@ FOLDED = math.sqrt(11.0) / 4.0
 def _flat(case: BothCodes) -> float:
     """Area [m2] in the reference configuration."""
     match case.start.scene.net:
-        case square.SquareNetConfig(size=side):
+        case square.SquareNet(size=side):
             return side**2
-        case radial.RadialNetConfig(spokes=corners, radius=distance):
+        case radial.RadialNet(spokes=corners, radius=distance):
             return 0.5 * corners * distance**2 * math.sin(2.0 * math.pi / corners)
     raise InputError(f"{case.name}: the area of the mouth is known of square and radial nets only")
 
