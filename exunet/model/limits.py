@@ -449,7 +449,7 @@ def contact_faults(system: System, start: State) -> list[Fault]:
 
 
 def _out_of_reach(system: System, start: State, name: str) -> bool:
-    """Return True if no thread can touch the body of this name; False if there is none."""
+    """Return True if no thread can touch the body of this name; False without such a body."""
     surface, net = system.blocks.surfaces.get(name), system.net
     if surface is None or not net.n_elements:
         return False

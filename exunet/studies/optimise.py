@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of
@@ -160,6 +161,7 @@ def gain(quantity: Quantity, first: Floats, second: Floats, seed: int) -> estima
     return estimates.Interval(difference(first, second), float(ends.low), float(ends.high))
 
 
+@takes(study=Study, progress=Callable, note=Callable)
 def optimise(
     study: Study,
     folder: str | Path,

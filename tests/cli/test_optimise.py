@@ -13,11 +13,11 @@ from commands import PLANAR, command
 
 from exunet.base.errors import CaseError, MissingExtra
 from exunet.studies import optimise as optimisation
-from exunet.studies.inputs import Input, Quantity
+from exunet.studies.inputs import InputConfig, Quantity
 from exunet.studies.optimise import Optimum, Trial, best_of, gain, optimise, search
 from exunet.studies.study import Study, StudyTable
 
-OVER = {name: Input.model_validate({"uniform": [-1.0, 1.0]}) for name in "xy"}
+OVER = {name: InputConfig.model_validate({"uniform": [-1.0, 1.0]}) for name in "xy"}
 NOISE = 0.1  # standard deviation, of the range of the quadratic
 RANGE = 1.3**2 + 1.4**2  # from the optimum (0.3, -0.4) to the farthest corner (-1, 1)
 

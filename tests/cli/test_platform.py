@@ -259,7 +259,7 @@ for name in names:
 INSTALLED = """
 import exunet
 from exunet.verification.suite import AT_STATES, suite
-from exunet.verification.check import shipped
+from exunet.base.cases import shipped
 from importlib.resources import files
 print(exunet.__file__)
 print(len([item for item in suite() if item.section == AT_STATES]))

@@ -8,6 +8,7 @@ import exudyn
 import numpy as np
 from exudyn.itemInterface import MarkerBodyRigid, MarkerNodePosition
 
+from exunet.base.cases import shipped
 from exunet.forces.contact.sphere_contact import SphereContact
 from exunet.integrators.exudyn.model import Model
 from exunet.integrators.exudyn.probe import Probe
@@ -15,7 +16,6 @@ from exunet.integrators.exudyn.stepper import settings_for
 from exunet.simulation.preparation import Start
 from exunet.simulation.simulation import Simulation
 from exunet.studies.both_codes import read_both
-from exunet.verification.check import shipped
 from exunet.verification.random_states import in_contact
 
 NODES = shipped("verification/contact")["nodes"]

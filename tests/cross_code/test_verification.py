@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from exunet.base.cases import CASES, shipped
 from exunet.verification import hard
-from exunet.verification.check import CASES, Check, shipped
+from exunet.verification.check import Check
 from exunet.verification.suite import AT_STATES, BEYOND, KNOWN, NETS, ORDERS, RUNS, Item, suite
 
 STATES = 2  # random states of each kind: the quick tests find an error in the force of any effect

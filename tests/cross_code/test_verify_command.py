@@ -15,11 +15,12 @@ import matplotlib.figure
 import pytest
 
 import reference_impl
+from exunet.base.cases import shipped
 from exunet.base.errors import InputError, Interrupted
 from exunet.cli import verify as command
 from exunet.methods.method import Backend
 from exunet.verification import hard
-from exunet.verification.check import Check, Finding, shipped, skipped
+from exunet.verification.check import Check, Finding, skipped
 from exunet.verification.figures import picture
 from exunet.verification.suite import AT_STATES, KNOWN, NETS, Item, run, suite
 from exunet.verification.tolerances import FORCES, Tolerance

@@ -62,6 +62,12 @@ def several() -> exunet.Ensemble:
 
 
 @cache
+def study() -> exunet.Study:
+    inputs = {"launch.radial_speed": {"uniform": [2.0, 3.0]}}
+    return exunet.Study(PLANAR, design="random", runs=2, seed=1, inputs=inputs)
+
+
+@cache
 def simulation() -> exunet.Simulation:
     return exunet.Simulation(case())
 
@@ -105,6 +111,7 @@ def arguments(name: str) -> dict[str, Any]:
         "perturbed_positions": {"start": start(), "runs": 1, "amplitude": 0.0, "seed": 0},
         "run_ensemble": {"start": start(), "position": start().position[None]},
         "figure": of_result | {"name": "area"},
+        "optimise": {"study": study(), "folder": "absent"},
         "save_figures": of_result | {"folder": "absent"},
         "export": of_result | {"path": "absent/series.csv"},
         "save_view": of_result | {"path": "absent/view.html"},

@@ -147,7 +147,7 @@ def test_triangles_that_fit_a_hexagon() -> None:
 def test_both_codes_cut_alike(outline: str, mesh_shape: str, size: float) -> None:
     """The reference cuts one side after the other: the same nodes, elements between them and masses."""
     of = keys(outline, mesh_shape, size)
-    case = listed([], [], 1.0) | {"net": of.model_dump(mode="json", exclude_none=True)}
+    case = listed([], [], 1.0) | {"net": of.document()}
     theirs = reference_impl.prepare(reference_impl.read_document(case)).net
     ours = weave(of)
     apart, same = cKDTree(theirs.reference_position).query(ours.reference_position)

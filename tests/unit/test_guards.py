@@ -442,7 +442,7 @@ def test_a_common_motion_hides_no_loss(effects):
 
 def test_potentials_of_held_nets_and_of_parts_count_in_the_energy_scale():
     """A mass on a held cable that falls 0.4 m adds m g 0.4 m to the scale; the free one adds nothing."""
-    scene = pair_of_masses(effects={"gravity": {"acceleration": [-10.0, 0.0, 0.0]}}).model_dump(mode="json")
+    scene = pair_of_masses(effects={"gravity": {"acceleration": [-10.0, 0.0, 0.0]}}).document()
     scene["net"]["fixed"] = [0]
     held = prepare(Scene.model_validate(scene))
     lower = held.position + np.array([[0.0, 0, 0], [-0.4, 0, 0]])
