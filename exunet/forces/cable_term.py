@@ -121,11 +121,14 @@ class CableTerm:
                 elastic=True,
             )
         else:
-            whole = KernelCall(loops.add_tension, data[0], helpers=helpers, elastic=True, of_many=True)
+            whole = KernelCall(loops.add_tension_of_law, data[0], helpers=helpers, elastic=True)
         breaks, shorten = loops.beyond_limit, loops.step_to_limit
         n = len(self.law.kinds)
         limits = (KernelCall(loops.add_no_force, item, event=breaks, shorten=shorten) for item in data[n:])
-        return *(replace(whole, data=item) for item in data[:n]), *limits
+        own = [replace(whole, data=item) for item in data[:n]]
+        if not self.viscous and self.law.kinds[0][0] == 0:
+            own[0] = KernelCall(loops.add_tension, data[0], elastic=True, of_many=True)
+        return *own, *limits
 
     def data_at(self, memory: Memories) -> tuple[Any, ...]:
         """The elements, without those between points that sleep; then, of intact ones, when they break."""

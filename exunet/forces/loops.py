@@ -89,10 +89,10 @@ class Load(NamedTuple):
 def add_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
     """Eqs. (3) and (6)-(8): EA / (2 L0^3) (L^2 - L0^2) d on the taut elements, d = x_j - x_i.
 
-    elements : `Elements`. Returns the elastic energy [J], EA / (8 L0^3) (L^2 - L0^2)^2 of each: eq. (19).
-    Other laws than the first have other measures in place of L^2 - L0^2.
+    elements : `Elements` of law 0. Returns the elastic energy [J], EA / (8 L0^3) (L^2 - L0^2)^2 of each:
+    eq. (19).
     """
-    first, second, square, factor, law, table = elements
+    first, second, square, factor, _, _ = elements
     held = 0.0
     for e in range(factor.size):
         i = first[e]
@@ -103,11 +103,7 @@ def add_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
         s = dx * dx + dy * dy + dz * dz - square[e]
         if s > 0.0:
             s = max(s, 0.0)  # of many runs at once, some may be slack here
-            if law == 0:  # here, not in a function: a tenth of the time of a step
-                held += factor[e] * s * s
-            else:
-                s, root = pull_of(law, table, s, square[e])
-                held += factor[e] * root * root
+            held += factor[e] * s * s
             s *= factor[e]
             dx *= s
             dy *= s
@@ -118,6 +114,30 @@ def add_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
             force[j] -= dx
             force[j + 1] -= dy
             force[j + 2] -= dz
+    return 0.25 * held
+
+
+def add_tension_of_law(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
+    """As `add_tension`, of another law, whose measures stand in place of L^2 - L0^2; not for many runs."""
+    first, second, square, factor, law, table = elements
+    held = 0.0
+    for e in range(factor.size):
+        i = first[e]
+        j = second[e]
+        dx = x[j] - x[i]
+        dy = x[j + 1] - x[i + 1]
+        dz = x[j + 2] - x[i + 2]
+        s = dx * dx + dy * dy + dz * dz - square[e]
+        if s > 0.0:
+            s, root = pull_of(law, table, s, square[e])
+            held += factor[e] * root * root
+            s *= factor[e]
+            force[i] += s * dx
+            force[i + 1] += s * dy
+            force[i + 2] += s * dz
+            force[j] -= s * dx
+            force[j + 1] -= s * dy
+            force[j + 2] -= s * dz
     return 0.25 * held
 
 
