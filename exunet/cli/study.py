@@ -117,7 +117,8 @@ def compare_studies(a: Path, b: Path) -> None:
                 if (found := one.paired(name, design, design, other)) is not None:
                     typer.echo(_row(head, f"{name}: {found}"))
         except InputError as error:
-            typer.echo(_row(head, f"unpaired: {error}"))
+            words = str(error) if set(one.inputs) == set(other.inputs) else "the inputs differ"
+            typer.echo(_row(head, f"unpaired: {words}"))
 
 
 def _designs(table: StudyTable) -> list[str | None]:
@@ -165,7 +166,8 @@ def _lines(table: StudyTable) -> Iterator[str]:
     study, config, width = table.study, table.config, terminal_width()
     number = f"{len(table)} runs" if table.complete else f"{len(table)} of {config.number_of_rows} runs"
     seed = "" if config.design == "grid" else f", seed {config.seed}"
-    cost = f"{duration(sum(table.files.abouts('wall_s')))} on {max(table.files.abouts('workers'))} cores"
+    workers = max(table.files.abouts("workers"))
+    cost = f"{duration(float(table.seconds.sum()))} of runs on {workers} core{'s' if workers > 1 else ''}"
     known = f"{number} of {study.case_names}, {config.design}{seed}; {cost}"
     gap = width - len(study.title) - len(known)
     yield f"{study.title}{' ' * gap}{known}" if gap > 1 else f"{study.title}\n  {known}"

@@ -104,8 +104,7 @@ class ExplicitNet(ThrownNetConfig):
         **keys
             The other keys of the topology, such as ``cable``, ``corners`` and ``bullets``.
         """
-        files = {"nodes_file": str(nodes), "elements_file": str(elements)}
-        return cls.model_validate({"topology": "explicit", **files, **keys})
+        return cls(nodes_file=str(nodes), elements_file=str(elements), **keys)
 
     def __eq__(self, other: object) -> bool:
         """Compare the keys, not the cached arrays."""

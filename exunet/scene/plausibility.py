@@ -440,7 +440,7 @@ def flight(mission: _Mission) -> Iterator[Fault]:
     arrival = (mission.eject or 0.0) + approach.time
     if speed == 0.0 or approach.along <= 0.0:
         yield Fault(key, f"the net does not approach {away}")
-    elif approach.offset > math.sqrt(0.5) * mission.net.size + target.radius:
+    elif target.radius and approach.offset > math.sqrt(0.5) * mission.net.size + target.radius:  # no mesh
         words = f"lets the net, {mission.net.size:g} m wide, pass {approach.offset:.3g} m beside the target"
         yield Fault(key, words)
     elif arrival > scene.time.end:

@@ -328,6 +328,16 @@ class StudyConfig(Record):
             if grid != (item.kind == "values"):
                 words = "a grid requires lists" if grid else 'a list requires design = "grid" (or use choice)'
                 yield Fault(f"inputs.{json.dumps(key)}", words)
+        written = [(key, name) for key, item in self.inputs.items() for name in (key, *item.also)]
+        for k, (key, name) in enumerate(written):
+            for before, other in written[:k]:
+                if (
+                    name == other
+                    or name.startswith((f"{other}[", f"{other}."))
+                    or other.startswith((f"{name}[", f"{name}."))
+                ):
+                    words = f"sets {name}, of which the input {before} sets {other}: remove one of both"
+                    yield Fault(f"inputs.{json.dumps(key)}", words)
         if grid == (runs is not None):
             yield Fault("runs", "is not for a grid" if grid else f"missing for {self.design}")
         elif saltelli and runs and runs & (runs - 1):

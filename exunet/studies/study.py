@@ -167,7 +167,9 @@ class Study:
         return self.config.points * self.config.cases_of_point
 
     def _overrides(self, design: int) -> tuple[str, ...]:
-        return (*self.config.set, *(self.config.designs[design].set if self.config.designs else ()))
+        own = (*self.config.set, *(self.config.designs[design].set if self.config.designs else ()))
+        # The compiled loop wherever it has the scene, whatever the case says.
+        return own if any(text.startswith("engine") for text in own) else ("engine.backend=auto", *own)
 
     def _base(self, design: int, *more: str) -> Case:
         """Return the case of a design without the inputs."""

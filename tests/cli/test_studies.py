@@ -614,3 +614,20 @@ def test_statistics_of_1e5_rows_take_400_mb_at_most(tmp_path: Path) -> None:
         [sys.executable, "-c", MEASURED, tmp_path], capture_output=True, text=True, check=True
     )
     assert int(run.stdout) < 400e6
+
+
+def test_one_key_has_one_input() -> None:
+    """Two inputs that set a key, or a vector and its component, would store a value that no run had."""
+    uniform = {"uniform": [2.0, 3.0]}
+    for other in ({"launch.axial_speed": uniform | {"also": ["launch.radial_speed"]}},
+                  {"launch": {"choice": [{"radial_speed": 2.0, "axial_speed": 0.0}]}}):  # fmt: skip
+        with pytest.raises(CaseError, match="radial_speed"):
+            Study(PLANAR, design="random", runs=2, inputs={"launch.radial_speed": uniform} | other)
+
+
+def test_rows_are_of_the_compiled_loop_unless_set_names_a_backend() -> None:
+    """Though the planar case names Exudyn."""
+    inputs = {"launch.radial_speed": {"uniform": [2.0, 3.0]}}
+    for given, backend in (((), "auto"), (("engine.backend=exudyn",), "exudyn")):
+        study = Study(PLANAR, design="random", runs=2, set=given, inputs=inputs)
+        assert study.case(0).scene.engine.backend == backend

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from scenes import CASES, case_in, refused, values_of
 
 import exunet
+from exunet.base.errors import CaseError
 from exunet.net import weave
 from exunet.net.explicit import ExplicitNet
 from exunet.net.square import SquareNet, mesh
@@ -135,23 +135,23 @@ def line_of(folder: Path, file: str, line: int, text: str) -> None:
 def test_errors_of_files_name_the_line(file: str, line: int, text: str, tmp_path: Path) -> None:
     tables(tmp_path)
     line_of(tmp_path, file, line, text)
-    with pytest.raises(ValidationError, match=rf"{file}:{line}: "):
+    with pytest.raises(CaseError, match=rf"{file}:{line}: "):
         net(tmp_path)
 
 
 def test_errors_of_threads_masses_and_missing_files(tmp_path: Path) -> None:
     tables(tmp_path)
     line_of(tmp_path, "elements.csv", 1, "i, j, thread")
-    with pytest.raises(ValidationError, match=r"elements.csv:2: "):
+    with pytest.raises(CaseError, match=r"elements.csv:2: "):
         net(tmp_path)
     (tmp_path / "elements.csv").write_text("i, j, thread\n0, 1, thck\n")
-    with pytest.raises(ValidationError, match=r"elements.csv:2: .*thck"):
+    with pytest.raises(CaseError, match=r"elements.csv:2: .*thck"):
         net(tmp_path, threads={"thick": CABLE})
     (tmp_path / "nodes.csv").write_text("x, y, z, mass\n0, 0, 0, 1\n1, 0, 0, -1\n")
-    with pytest.raises(ValidationError, match=r"nodes.csv:3: "):
+    with pytest.raises(CaseError, match=r"nodes.csv:3: "):
         net(tmp_path)
     (tmp_path / "nodes.csv").unlink()
-    with pytest.raises(ValidationError, match=r"nodes.csv: "):
+    with pytest.raises(CaseError, match=r"nodes.csv: "):
         net(tmp_path)
 
 
@@ -167,7 +167,7 @@ def test_errors_of_threads_masses_and_missing_files(tmp_path: Path) -> None:
 )
 def test_errors_of_corners_have_the_right_order(corners: list[int], answer: str, tmp_path: Path) -> None:
     tables(tmp_path)
-    with pytest.raises(ValidationError, match=answer):
+    with pytest.raises(CaseError, match=answer):
         net(tmp_path, corners=corners)
 
 
