@@ -94,7 +94,8 @@ class Study:
         self, case: str | Path, *, design: str = "random", inputs: Mapping[str, Any], **more: Any
     ) -> None:
         path = path_of(case, "Study").resolve()
-        given = {"case": str(path), "design": design, "inputs": dict(inputs), **more}
+        inputs = dict(inputs) if isinstance(inputs, Mapping) else inputs
+        given = {"case": str(path), "design": design, "inputs": inputs, **more}
         config, found = validated_record(given, StudyConfig)
         if config is None:
             raise CaseError([Fault(".".join(map(str, paths[0])), words) for paths, words in found])
