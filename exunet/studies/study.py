@@ -124,7 +124,8 @@ class Study:
             )
         made = case_of(case, "Study") if isinstance(case, Scene) else None
         path = path_of(f"{build.__name__}.toml" if build else made.path if made else case, "Study").resolve()
-        given = {"case": str(path), "design": design, "inputs": dict(inputs), **more}
+        inputs = dict(inputs) if isinstance(inputs, Mapping) else inputs
+        given = {"case": str(path), "design": design, "inputs": inputs, **more}
         config, found = validated_record(given, StudyConfig)
         if config is None:
             raise CaseError([Fault(".".join(map(str, paths[0])), words) for paths, words in found])
