@@ -30,7 +30,7 @@ def show_effects(case: Case, *, asked: float | None, measure: bool, every: bool)
     asked : displacement that matters, as a part of the net's size; None: effects.threshold, or 0.01
     """
     choice = case.scene.effects
-    limit = asked if asked is not None else getattr(choice, "threshold", None) or ASKED
+    limit = asked if asked is not None else choice.threshold or ASKED
     print_rich(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
     found, others = survey(case.scene), _others(case.scene)
     if others:
@@ -42,7 +42,7 @@ def show_effects(case: Case, *, asked: float | None, measure: bool, every: bool)
     small = [item.name for item in found if not (every or item.on or item.relative >= SHOWN)]
     if small:
         print_rich(f"{len(small)} below {SHOWN:.1%}: {', '.join(small)} (--all shows them and all sources)")
-    if getattr(choice, "choose", None) == "auto":
+    if choice.choose == "auto":
         print_rich('effects.choose = "auto": on are the tables whose estimate reaches effects.threshold')
     if measure:
         _ablation(case)
@@ -56,7 +56,7 @@ def _others(scene: Scene) -> str:
 
 def of_the_net_alone(others: str) -> str:
     """The note above the estimates of a scene that has more than a net; others: what more."""
-    on_no_body = ", ".join(name for name in EFFECTS if getattr(EFFECTS[name], "ON_THE_NET_ALONE", False))
+    on_no_body = ", ".join(name for name, effect in EFFECTS.items() if effect.ON_THE_NET_ALONE)
     return (
         f"Sizes, cost and advice are of the net alone, without {others} (--ablate measures the whole scene). "
         f"Not modelled on bodies: {on_no_body}."

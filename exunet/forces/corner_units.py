@@ -30,9 +30,9 @@ from exunet.base.errors import Fault, InputError
 from exunet.base.record import FromArray, NonNegative, Number, Positive, Record, Vector, increasing, once
 from exunet.base.times import reached
 from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.effect import RestOfCase, existing_body, existing_bullets
 from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
-from exunet.forces.requirements import RestOfCase, existing_body, existing_bullets
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 
 MOST_SAMPLES = 1_000_000

@@ -22,7 +22,6 @@ from exunet.base.errors import InputError
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
 from exunet.integrators import integrator
 from exunet.integrators.exudyn.build import build
@@ -329,7 +328,7 @@ class BothCodes(Matched):
     @property
     def effects(self) -> set[str]:
         """Names of the active effects."""
-        return set(switched_on(self.start.scene.effects))
+        return set(self.start.scene.effects.on)
 
     @property
     def moves_bodies(self) -> bool:
