@@ -15,6 +15,7 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Fault
+from exunet.bodies.mesh_core import core_of_mesh
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.touched import surface_of, surface_of_mesh
 from exunet.forces import corner_units
@@ -51,7 +52,6 @@ from exunet.model.initial import (
     kicks,
     packed_state,
 )
-from exunet.model.mesh_core import core_of_mesh
 from exunet.model.script import script_of
 from exunet.model.system import InitialEjection, State, System
 from exunet.net import weave

@@ -325,7 +325,7 @@ class BodyThrusts:
 
 @dataclass(frozen=True, eq=False)
 class ScriptedForces:
-    """What the script of a case does to forces: thrusts wait, threads may be cut, coefficients are inputs."""
+    """Changes of forces by the script: thrusts wait, threads may be cut, coefficients are inputs."""
 
     script: tuple[ScriptEntry, ...]
     states: tuple[FirstOrder, ...] = ()
