@@ -49,7 +49,7 @@ def show_effects(case: Case, *, asked: float | None, measure: bool, every: bool)
 
 
 def _others(scene: Scene) -> str:
-    """What there is beside the net, by name; "" if nothing."""
+    """Name the bodies and tethers beside the net; "" without any."""
     groups = (("bodies", scene.bodies), ("tethers", scene.tethers))
     return " and ".join(f"{what} ({', '.join(names)})" for what, names in groups if names)
 
@@ -64,7 +64,7 @@ def of_the_net_alone(others: str) -> str:
 
 
 def of_closing(scene: Scene) -> str:
-    """What closes the mouth of a scene, estimated; "" if nothing does.
+    """Estimate what closes the mouth of a scene; "" if nothing does.
 
     A tension N round a loop with the mass m draws it inward at 2 pi N / m; a line that becomes shorter at a
     rate w makes its radius smaller by w / (2 pi).

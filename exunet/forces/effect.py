@@ -22,38 +22,23 @@ class Effect(Record):
     A subclass defines `terms` and `magnitude`, and overrides what differs from the defaults below. Its own
     keys are checked against each other in `faults`, against other tables in `cross_checks`. Its energy is
     that of its terms: a potential, or work that is integrated along the run.
-
-    EXCLUDES, REQUIRES : other effects that it contradicts or needs, with the reasons
-    NEEDS_FRESH_STEPS  : its events change forces suddenly: no method that uses the acceleration of the step
-                         before
-    NEEDS_BULLETS, REPLACES_LAUNCH : it acts on bullets only; it gives them their speed, in place of [launch]
-    BULLET_KEYS        : keys that are given if and only if there are bullets
-    NOT_CARRIED        : keys that exclude a net that a body carries, with the reasons
-    NOT_WITH           : reasons why it excludes "reels", or a "perimeter" that becomes shorter
-    ON_THE_NET_ALONE   : it would act on rigid bodies too, but only does on the net
-    ACCELERATES_ALL    : it accelerates any mass alike
-    INTERNAL           : nothing outside of the scene gets what it gives: no line in the momentum balance
-    COLLIDES           : things touch each other, with costs and stiff forces only while they do
-    ON_THE_GROUND      : it belongs to tests on the ground
-    NUMERICAL          : it is numerical damping, which is never advised
-    PUTS_IN            : source of the energy that forces without a potential may put in
     """
 
-    EXCLUDES: ClassVar[Mapping[str, str]] = {}
-    REQUIRES: ClassVar[Mapping[str, str]] = {}
-    NEEDS_FRESH_STEPS: ClassVar[bool] = False
-    NEEDS_BULLETS: ClassVar[bool] = False
-    REPLACES_LAUNCH: ClassVar[bool] = False
-    BULLET_KEYS: ClassVar[tuple[str, ...]] = ()
-    NOT_CARRIED: ClassVar[Mapping[str, str]] = {}
-    NOT_WITH: ClassVar[Mapping[str, str]] = {}
-    ON_THE_NET_ALONE: ClassVar[bool] = False
-    ACCELERATES_ALL: ClassVar[bool] = False
-    INTERNAL: ClassVar[bool] = False
-    COLLIDES: ClassVar[bool] = False
-    ON_THE_GROUND: ClassVar[bool] = False
-    NUMERICAL: ClassVar[bool] = False
-    PUTS_IN: ClassVar[str] = ""
+    EXCLUDES: ClassVar[Mapping[str, str]] = {}  # other effects that it contradicts, with the reasons
+    REQUIRES: ClassVar[Mapping[str, str]] = {}  # other effects that it needs, with the reasons
+    NOT_WITH: ClassVar[Mapping[str, str]] = {}  # why it excludes "reels", or a "perimeter" that shortens
+    NOT_CARRIED: ClassVar[Mapping[str, str]] = {}  # keys that exclude a net in a frame, with the reasons
+    NEEDS_FRESH_STEPS: ClassVar[bool] = False  # no method that uses the acceleration of the step before
+    NEEDS_BULLETS: ClassVar[bool] = False  # it acts on bullets only
+    BULLET_KEYS: ClassVar[tuple[str, ...]] = ()  # keys that are given if and only if there are bullets
+    REPLACES_LAUNCH: ClassVar[bool] = False  # it gives the bullets their speed, in place of [launch]
+    ON_THE_NET_ALONE: ClassVar[bool] = False  # it would act on rigid bodies too, but does on the net only
+    ACCELERATES_ALL: ClassVar[bool] = False  # it accelerates any mass alike
+    INTERNAL: ClassVar[bool] = False  # no momentum from outside of the scene: no line in its balance
+    COLLIDES: ClassVar[bool] = False  # things touch: costs and stiff forces only while they do
+    ON_THE_GROUND: ClassVar[bool] = False  # it belongs to tests on the ground
+    NUMERICAL: ClassVar[bool] = False  # it is numerical damping, which is never advised
+    PUTS_IN: ClassVar[str] = ""  # source of the energy that forces without a potential may put in
 
     @abstractmethod
     def terms(self, blocks: Blocks) -> tuple[Contribution, ...]:
@@ -118,9 +103,10 @@ class Effect(Record):
         for other, reason in self.REQUIRES.items():
             if not effects.is_given(other):
                 yield Fault("", f"needs [effects.{other}], {reason}")
-        remembers = rest.method in METHODS and METHODS[Method(rest.method)].remembers_acceleration
+        method = str(rest.scene.solver.method)
+        remembers = method in METHODS and METHODS[Method(method)].remembers_acceleration
         if remembers and self.NEEDS_FRESH_STEPS:
-            yield Fault("", f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {rest.method}")
+            yield Fault("", f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {method}")
         if self.NEEDS_BULLETS and not rest.has_bullets:
             yield Fault("", "acts on bullets, and the net has none: add [net.bullets] or remove this table")
         if self.REPLACES_LAUNCH and rest.scene.is_given("launch"):
@@ -134,16 +120,18 @@ class Effect(Record):
             if self.is_given(key) and bool(rest.scene.initial.is_given("frame")):
                 words = f"excludes [initial.frame], by which a body carries the net, as it is {reason}"
                 yield Fault(key, words)
-        if reason := self.not_with().get("reels", ""):
-            yield from (Fault("", f"excludes tethers.{tether}.reel: {reason}") for tether in rest.reels)
-        if rest.has_perimeter and (reason := self.not_with().get("perimeter", "")):
-            yield Fault("", f'excludes closing.kind = "perimeter": {reason}')
+        excluded, closing = self.not_with(), rest.scene.closing
+        for tether, keys in rest.scene.tethers.items():
+            if keys.reel is not None and "reels" in excluded:
+                yield Fault("", f"excludes tethers.{tether}.reel: {excluded['reels']}")
+        if closing is not None and closing.kind == "perimeter" and "perimeter" in excluded:
+            yield Fault("", f'excludes closing.kind = "perimeter": {excluded["perimeter"]}')
         yield from self.cross_checks(rest)
 
 
 @dataclass(frozen=True)
 class RestOfCase:
-    """The valid scene that keys of an effect are checked against."""
+    """Valid scene that the keys of an effect are checked against."""
 
     scene: Any
 
@@ -167,23 +155,6 @@ class RestOfCase:
     def bodies(self) -> tuple[str, ...]:
         """Names of the rigid bodies."""
         return tuple(self.scene.bodies)
-
-    @property
-    def reels(self) -> tuple[str, ...]:
-        """Names of the tethers that are on reels."""
-        tethers = self.scene.tethers.items()
-        return tuple(name for name, keys in tethers if keys.reel is not None)
-
-    @property
-    def has_perimeter(self) -> bool:
-        """Threads of the net's edge become shorter."""
-        closing = self.scene.closing
-        return closing is not None and closing.kind == "perimeter"
-
-    @property
-    def method(self) -> str:
-        """solver.method."""
-        return str(self.scene.solver.method)
 
 
 def existing_bullets(bullets: Sequence[int], rest: RestOfCase) -> Iterator[Fault]:

@@ -655,7 +655,7 @@ def _cycles(entries: Sequence[ScriptEntry], names: Mapping[str, int]) -> Iterato
 
 
 def _ties(scene: Any) -> dict[str, str]:
-    """What is fixed to bodies, by the names that a script has for it, and why it cannot be released."""
+    """Return, for each tie to a body, by its name in scripts, why it cannot be released."""
     ports, found = [name for name, one in scene.bodies.items() if one.motion == "port"], dict[str, str]()
     port = "is fixed to a port, whose mass its host counts: nothing is released from it"
     for name, body in scene.bodies.items():

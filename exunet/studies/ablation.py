@@ -50,7 +50,7 @@ STARTS = 8  # runs with nothing changed but their errors
 
 @dataclass(frozen=True)
 class MeasureChange:
-    """What an effect's presence changes in a measure.
+    """Change of a measure by an effect.
 
     metric     : one of `COMPARED`
     value      : with the effect, less without it (the mean of the perturbed runs)
@@ -72,7 +72,7 @@ class MeasureChange:
 
 @dataclass(frozen=True)
 class _Noise:
-    """What errors alone change.
+    """Changes by errors alone.
 
     moved    : (n_times,) largest displacement [m]; infinite from when on a run had ended
     measures : of each run, that of the scene itself first, by name

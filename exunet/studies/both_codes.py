@@ -281,7 +281,7 @@ class Matched:
         return reference.Drawn(*(found or [first_order[..., :0]] * 2))
 
     def rigid_of(self, seen: Theirs | reference.Trajectory) -> tuple[Floats, Floats, Floats, Floats]:
-        """Of the rigid bodies, in exunet's order: what `reference.BodyStates` has of each.
+        """Return the states of the rigid bodies as `reference.BodyStates` has them, in exunet's order.
 
         Places and velocities (..., b, 3) of the centres of mass, attitudes (..., b, 3, 3) of the frames, and
         angular velocities (..., b, 3) in their axes.

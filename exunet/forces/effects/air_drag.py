@@ -49,7 +49,7 @@ class AirDrag(Effect):
     )
 
     def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
-        """One kernel term for the elements, one for the bullets if there are any."""
+        """Return one kernel term for the elements, one for the bullets if there are any."""
         net = blocks.net
         first, second = (3 * net.element_nodes.T).astype(Index)
         quarter = 0.25 * self.density * self.drag_coefficient * widths(net) * net.reference_length
@@ -65,7 +65,7 @@ class AirDrag(Effect):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[AirDrag, str]:
-        """Air at sea level, cylinders and balls below the drag crisis (Hoerner)."""
+        """Assume air at sea level, cylinders and balls below the drag crisis (Hoerner)."""
         bullets = basis.net.bullet_nodes
         area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
         on_bullets = {"bullet_drag_coefficient": 0.47 if len(bullets) else None, "bullet_area": area}
@@ -73,7 +73,7 @@ class AirDrag(Effect):
         return keys, "1.225 kg/m3, C = 1.1 on cables" + (", 0.47 on balls of aluminium" if area else "")
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """The force on the nominal motion, as a rate of decay.
+        """Estimate the force on the nominal motion, as a rate of decay.
 
         Cables that bullets pull from rest gain their speed over the scene: with v growing as t, the double
         integral of v^2 is T^2 / 12 instead of T^2 / 2.

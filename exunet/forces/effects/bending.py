@@ -44,14 +44,14 @@ class Bending(Effect):
     )
 
     def springs(self, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes (k, 3), their weights (k, 3) [1/m] in d2 / L2 - d1 / L1, and spring constants (k,) [N m]."""
+        """Return nodes (k, 3), weights (k, 3) [1/m] in d2 / L2 - d1 / L1, and spring constants (k,) [N m]."""
         nodes, length, elements = joints(net)
         weight = np.stack([1.0 / length[:, 0], -(1.0 / length).sum(axis=1), 1.0 / length[:, 1]], axis=1)
         inertia = net.area[elements[:, 0]] ** 2 / (4.0 * math.pi)  # of a solid circle
         return nodes, weight, self.modulus * inertia / length.mean(axis=1)
 
     def terms(self, blocks: Blocks) -> tuple[LinearTerm, ...]:
-        """The constant stiffness of all springs; nothing if no thread runs on or the modulus is zero."""
+        """Return the constant stiffness of all springs; nothing if there is none."""
         nodes, weight, constant = self.springs(blocks.net)
         if not len(nodes) or not constant.any():
             return ()
@@ -64,12 +64,12 @@ class Bending(Effect):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[Bending, str]:
-        """A solid thread, the most there can be."""
+        """Assume a solid thread, the most there can be."""
         modulus = float(basis.net.youngs_modulus.max(initial=0.0))
         return Bending(modulus=modulus), f"a solid thread, E_b = E = {modulus:.3g} Pa (an upper bound)"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """Threads bent by one radian at each node: the forces, and the way until they are straight."""
+        """Estimate forces of threads bent by one radian at each node, and their way until straight."""
         net = basis.net
         nodes, weight, constant = self.springs(net)
         force = np.zeros((net.n_nodes, 3))

@@ -48,7 +48,7 @@ class Breaking(Effect):
     )
 
     def terms(self, blocks: Blocks) -> tuple[ElementLaw, ...]:
-        """The limit of every element."""
+        """Return the limit of every element."""
         everywhere = np.ones(blocks.net.n_elements)
         if self.strain is not None:
             return (ElementLaw(breaking_strain=self.strain * everywhere),)
@@ -74,11 +74,11 @@ class Breaking(Effect):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[Breaking, str]:
-        """Strain at break of aramid fibre."""
+        """Assume the strain at break of aramid fibre."""
         return Breaking.model_validate({"strain": 0.03}), "breaks at a strain of 0.03, as aramid fibres do"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """Nothing if the hardest snap stays below the limit, else the way of what flies off at its speed."""
+        """Estimate the way of what flies off; nothing if the hardest snap stays below the limit."""
         snap, strain = snap_of(basis), hardest_strain(basis)
         limit = self.strain
         if limit is None:

@@ -31,7 +31,7 @@ _PRESSING = ("sphere", "box", "capsule")  # solids that press into other bodies
 
 
 def named(keys: Any, rest: RestOfCase, key: str) -> Iterator[Fault]:
-    """Of the bodies that `key` names."""
+    """Yield the faults of the bodies that `key` names."""
     names = getattr(keys, key)
     for k, name in enumerate(names):
         place = f"{key}[{k}]"
@@ -49,7 +49,7 @@ def _not_there(name: str, rest: RestOfCase, place: str) -> Fault:
 
 
 def paired(keys: Any, rest: RestOfCase) -> Iterator[Fault]:
-    """Of the pairs of bodies."""
+    """Yield the faults of the pairs of bodies."""
     seen = set()
     for k, pair in enumerate(keys.bodies):
         one, other = pair
@@ -92,7 +92,7 @@ def _fit(rest: RestOfCase, pair: tuple[str, str], place: str) -> Iterator[Fault]
 
 
 def _shapes(body: Any) -> list[str]:
-    """Of a body, or of its parts."""
+    """Return the shapes of a body, or of its parts."""
     return [body.shape] if body.is_given("shape") else [part.shape for part in body.parts.values()]
 
 
@@ -207,18 +207,18 @@ class Contact(Effect, ImpactDampingConfig):
 
     @property
     def of_nodes(self) -> SphereLaw:
-        """Of spheres of the nodes' radius."""
+        """Law of spheres of the nodes' radius."""
         return self._of_spheres("node")
 
     @property
     def of_bullets(self) -> SphereLaw:
-        """Of spheres of the bullets' radius."""
+        """Law of spheres of the bullets' radius."""
         return self._of_spheres("bullet")
 
     @property
     @abstractmethod
     def of_bodies(self) -> BodyLaw:
-        """Of corners, balls and edges."""
+        """Law of corners, balls and edges."""
 
     @abstractmethod
     def _of_spheres(self, what: str) -> SphereLaw: ...
@@ -232,7 +232,7 @@ class Contact(Effect, ImpactDampingConfig):
             yield Fault("bullets", "the net has no bullets: add [net.bullets] or remove this key")
 
     def touched_bodies(self) -> frozenset[str]:
-        """Names of the bodies that threads, nodes, bullets or other bodies touch."""
+        """Return the names of the bodies that threads, nodes, bullets or other bodies touch."""
         of_pairs = (name for pair in self.bodies for name in pair)
         return frozenset((*self.threads, *self.nodes, *self.bullets, *of_pairs))
 
@@ -246,12 +246,12 @@ class Contact(Effect, ImpactDampingConfig):
         return max(threads, nodes or 0.0, bullets or 0.0)
 
     def first_order_states(self) -> tuple[FirstOrder, ...]:
-        """Energy that damping and friction have taken [J]."""
+        """Return the energy that damping and friction have taken [J]."""
         names = ("damping", "friction")
         return tuple(FirstOrder(f"contact/{name}", (0.0,), "J", gives=-1.0) for name in names)
 
     def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
-        """A term for each body that threads, nodes and bullets touch, each its own; of pairs one or two."""
+        """Return a term for each body that threads, nodes and bullets touch, each; of pairs one or two."""
         found = []
         for body in self.threads:
             inside = np.arange(blocks.net.n_net_elements if body == blocks.carrier else 0)
@@ -274,7 +274,7 @@ class Contact(Effect, ImpactDampingConfig):
         return sphere_contact(blocks, what, body, surface, radius, law, self.rubbing, inside=inside)
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """What a full stop of the net by a body would change; without one, that of bodies by each other.
+        """Estimate a full stop of the net by a body; without it, that of bodies by each other.
 
         Where the net flies past in the nominal motion, the stop may come later: threads swing out.
         """
@@ -296,7 +296,7 @@ class Contact(Effect, ImpactDampingConfig):
         return Estimate(acceleration, basis.held(speed * lasts), words)
 
     def _of_meetings(self, basis: EstimateBasis) -> Estimate:
-        """The hardest of those that may come: a ball or a corner stops the reduced mass.
+        """Estimate the hardest meeting of bodies that may come: a ball or a corner stops the reduced mass.
 
         By Hertz's law its stiffness is that of a radius of 1 m.
         """
@@ -346,7 +346,7 @@ class LinearContact(Contact):
 
     @property
     def of_bodies(self) -> BodyLaw:
-        """Of corners, balls and edges."""
+        """Law of corners, balls and edges."""
         assert self.body_stiffness is not None
         return BodyLaw(self.body_stiffness, 1.0, None, self.a)
 
@@ -370,7 +370,7 @@ class HertzContact(Contact):
 
     @property
     def of_bodies(self) -> BodyLaw:
-        """Of corners, balls and edges."""
+        """Law of corners, balls and edges."""
         return BodyLaw(hertz_of_sphere(self.modulus, 1.0), 1.5, hertz_of_line(self.modulus), self.a)
 
     def _of_spheres(self, what: str) -> SphereLaw:

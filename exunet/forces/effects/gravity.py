@@ -33,10 +33,10 @@ class Gravity(Effect):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[Gravity, str]:
-        """A test on the ground."""
+        """Assume a test on the ground."""
         return Gravity(acceleration=(0.0, 0.0, -9.81)), "9.81 m/s2, a test on the ground"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """Free fall, or the net's size where it hangs."""
+        """Estimate free fall, or the net's size where it hangs."""
         g = math.hypot(*self.acceleration)
         return Estimate(g, basis.ballistic(g), f"free fall, g = {g:.3g} m/s2")

@@ -45,7 +45,7 @@ class J2(Effect, CircularOrbitConfig):
     )
 
     def gradient(self) -> NDArray[np.float64]:
-        """(3, 3) second derivatives of the J2 potential at the origin, in the scene's axes [1/s2]."""
+        """Return (3, 3) second derivatives of the J2 potential at the origin, in the scene's axes [1/s2]."""
         radial, along = np.array(self.radial), np.array(self.along_track)
         tilt, angle = self.inclination, self.argument_of_latitude
         axis = math.sin(tilt) * (math.sin(angle) * radial + math.cos(angle) * along)
@@ -57,12 +57,12 @@ class J2(Effect, CircularOrbitConfig):
         return np.asarray(-0.5 * EARTH_MU * EARTH_J2 * EARTH_RADIUS**2 / self.radius**5 * shape)
 
     def terms(self, blocks: Blocks) -> tuple[LinearTerm | KernelTerm, ...]:
-        """A constant stiffness -m G on each node; on bodies the force at the centre, and the torque."""
+        """Return the constant stiffness -m G on each node; on bodies force at the centre, and torque."""
         stiffness = each_node(blocks.own_mass, -self.gradient())
         return LinearTerm(stiffness=stiffness), *field_on_bodies(blocks, self.gradient())
 
     def cross_checks(self, rest: RestOfCase) -> Iterator[Fault]:
-        """The same orbit as effects.orbit, and a scene that is short compared with it."""
+        """Require the orbit of effects.orbit, and a scene that is short compared with it."""
         orbit = rest.scene.effects.get(Orbit)
         for key in ("altitude", "mean_motion", "radial", "along_track"):
             if orbit is not None and getattr(self, key) != getattr(orbit, key):
@@ -74,7 +74,7 @@ class J2(Effect, CircularOrbitConfig):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[J2, str]:
-        """The case's orbit, or one at 700 km: sun-synchronous, half-way between node and highest latitude."""
+        """Assume the case's orbit, or 700 km: sun-synchronous, half-way from node to highest latitude."""
         orbit = NOMINAL if basis.orbit is None else basis.orbit
         given = {key: getattr(orbit, key) for key in CircularOrbitConfig.model_fields if orbit.is_given(key)}
         place = {"inclination": math.radians(98.2), "argument_of_latitude": math.radians(45.0)}
@@ -82,7 +82,7 @@ class J2(Effect, CircularOrbitConfig):
         return keys, f"{orbit.words}, inclined 98 degrees, at latitude argument 45 degrees"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """The gradient times the places of the nominal motion."""
+        """Estimate the gradient times the places of the nominal motion."""
         acceleration = basis.rms(basis.middle @ self.gradient())
         norm = float(np.linalg.norm(self.gradient(), 2))
         words = f"J2 gradient {norm:.2g} 1/s2 x distance"

@@ -106,22 +106,22 @@ class LaunchForce(Effect):
         return energy_of(0.0, self.law)
 
     def point_masses(self) -> tuple[PointMass, ...]:
-        """The chaser, at the origin; none if it is a rigid body."""
+        """Return the chaser, at the origin; none if it is a rigid body."""
         return () if self.chaser_mass is None else (PointMass("chaser", self.chaser_mass),)
 
     def is_internal(self) -> bool:
-        """True of barrels on a body; the forces on bullets and a point mass are not on one line."""
+        """Return True for barrels on a body; forces on bullets and a point mass are not on one line."""
         return self.body is not None
 
     def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
-        """One conservative term over the bullets and the chaser; the stroke counts from the start."""
+        """Return one conservative term over the bullets and the chaser; the stroke counts from the start."""
         axes = self.barrels(blocks.net)
         if self.body is None:
             return (push_from_mass(blocks, "chaser", axes, self.law),)
         return (push_term(blocks, self.body, axes, self.law),)
 
     def barrels(self, net: Net) -> np.ndarray:
-        """(n_bullets, 3) unit vectors: spread_angle from +z towards each bullet's reference position."""
+        """Return (n_bullets, 3) unit vectors: spread_angle from +z towards the bullet's reference."""
         outward = net.reference_position[net.bullet_nodes]
         outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
         return math.sin(self.spread_angle) * outward + math.cos(self.spread_angle) * np.array([0.0, 0.0, 1.0])
@@ -132,7 +132,7 @@ class LaunchForce(Effect):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[LaunchForce, str] | None:
-        """Springs that give the bullets the speed they have, over 0.05 m, from a chaser of 500 kg."""
+        """Assume springs that give the bullets the speed they have, over 0.05 m, from a chaser of 500 kg."""
         bullets = basis.net.bullet_nodes
         if not len(bullets):
             return None
@@ -153,7 +153,7 @@ class LaunchForce(Effect):
         return keys, f"springs of 0.05 m that give {speed:.3g} m/s, a chaser of 500 kg"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """The bullets' flight at the speed that the work gives them; as fast already: the way they lag.
+        """Estimate the flight of bullets at the speed that the work gives; as fast already: the lag.
 
         Without the stroke they would start at full speed; with constant force they lag behind by one stroke.
         """

@@ -25,7 +25,7 @@ class MassDamping(Effect):
     alpha: NonNegative = Field(description="decay rate of the velocity [1/s]", examples=[0.1])
 
     def terms(self, blocks: Blocks) -> tuple[LinearTerm | KernelTerm, ...]:
-        """The diagonal damping matrix alpha M, and the same on bodies; nothing if alpha is zero."""
+        """Return the diagonal damping matrix alpha M, and the same on bodies; nothing if alpha is zero."""
         if self.alpha == 0.0:
             return ()
         damping = scipy.sparse.csr_array(scipy.sparse.diags_array(np.repeat(self.alpha * blocks.own_mass, 3)))
@@ -33,11 +33,11 @@ class MassDamping(Effect):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[MassDamping, str]:
-        """The paper's coefficient."""
+        """Assume the paper's coefficient."""
         return MassDamping(alpha=1e-3), "alpha = 1e-3 1/s (paper, sec. 3.3)"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """The way lost by a speed that decays as exp(-alpha t)."""
+        """Estimate the way lost by a speed that decays as exp(-alpha t)."""
         return Estimate(
             self.alpha * basis.speed,
             basis.held(basis.braked(self.alpha)),

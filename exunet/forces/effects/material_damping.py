@@ -29,18 +29,18 @@ class MaterialDamping(Effect):
     )
 
     def terms(self, blocks: Blocks) -> tuple[ElementLaw, ...]:
-        """The same relaxation time for every element; nothing if it is zero."""
+        """Return the same relaxation time for every element; nothing if it is zero."""
         if self.relaxation_time == 0.0:
             return ()
         return (ElementLaw(relaxation_time=np.full(blocks.net.n_elements, self.relaxation_time)),)
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[MaterialDamping, str]:
-        """As the paper's beta, which damps the same modes alike while taut."""
+        """Assume as much damping of the same modes as by the paper's beta, while taut."""
         return MaterialDamping(relaxation_time=1e-8), "tau = 1e-8 s, as the paper's beta"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """Speed lost in the hardest snap, v (1 - exp(-pi tau omega / 2)), over half of the time."""
+        """Estimate the speed lost in the hardest snap, v (1 - exp(-pi tau omega / 2)), over half the time."""
         snap = snap_of(basis)
         ratio = 0.5 * self.relaxation_time * snap.frequency
         lost = -math.expm1(-math.pi * ratio) if ratio < 1.0 else 1.0

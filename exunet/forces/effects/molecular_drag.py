@@ -65,14 +65,14 @@ class MolecularDrag(Effect):
         return self.density if self.density is not None else exponential_density(self.altitude or 0.0)
 
     def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
-        """One kernel term over all nodes."""
+        """Return one kernel term over all nodes."""
         factor = 0.5 * self.gas_density * self.drag_coefficient * tumbling_areas(blocks, self.bullet_area)
         flow = np.array(self.flow)
         rate = 2.0 * float(np.max(factor / blocks.mass, initial=0.0)) * math.hypot(*self.flow)
         return (KernelTerm("nodes", add_molecular_drag, Flow(factor, flow), damping_rate=rate),)
 
     def cross_checks(self, rest: RestOfCase) -> Iterator[Fault]:
-        """The height of the orbit, if there is one."""
+        """Require the height of the orbit, if there is one."""
         orbit = rest.scene.effects.get(Orbit)
         height = orbit.altitude if orbit is not None else None
         if self.altitude is not None and height is not None and height != self.altitude:
@@ -80,7 +80,7 @@ class MolecularDrag(Effect):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[MolecularDrag, str] | None:
-        """The orbit of the case, or one at 700 km, through gas at rest; bullets as balls of aluminium.
+        """Assume the orbit of the case, or one at 700 km, through gas at rest; bullets as balls of aluminium.
 
         None below the heights for which the density is known.
         """
@@ -101,7 +101,7 @@ class MolecularDrag(Effect):
         return keys, f"{orbit.words}, {speed / 1e3:.1f} km/s, C = 2.2{balls}"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """The force on nodes at rest."""
+        """Estimate the force on nodes at rest."""
         term = self.terms(basis.blocks)[0]
         force = np.zeros(3 * basis.net.n_nodes)
         term.add(0.0, force, np.zeros_like(force), term.data, force)

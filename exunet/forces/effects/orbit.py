@@ -34,7 +34,7 @@ class Orbit(Effect, CircularOrbitConfig):
     )
 
     def terms(self, blocks: Blocks) -> tuple[LinearTerm | KernelTerm, ...]:
-        """Coriolis force as a constant matrix; the rest as one too (linear), or as a kernel term (two_body).
+        """Return the Coriolis force as a matrix, the rest as a matrix (linear) or kernel term (two_body).
 
         On bodies both, and the torque of the gradient and of the turning frame; of the linear gradient in
         either model, whose error is the ratio of a body's size to the orbit's radius.
@@ -55,14 +55,14 @@ class Orbit(Effect, CircularOrbitConfig):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[Orbit, str]:
-        """An orbit at 700 km; the throw along the radial, the net's plane in the local horizon."""
+        """Assume an orbit at 700 km; the throw along the radial, the net's plane in the local horizon."""
         keys = Orbit.model_validate(
             {"altitude": 700e3, "radial": (0.0, 0.0, 1.0), "along_track": (1.0, 0.0, 0.0), "model": "linear"}
         )
         return keys, "an orbit at 700 km, the radial along z"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """Coriolis, gradient and centrifugal acceleration of the nominal motion, of the linear model."""
+        """Estimate the accelerations of the linear model in the nominal motion."""
         rate, normal = self.rate, np.cross(self.radial, self.along_track)
         radial = basis.middle @ np.array(self.radial)
         across = basis.middle @ normal

@@ -40,7 +40,7 @@ class RayleighDamping(Effect):
     beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]", examples=[1e-8])
 
     def terms(self, blocks: Blocks) -> tuple[LinearTerm | KernelTerm, ...]:
-        """The constant damping matrix of eq. (13); its part by the mass on bodies too."""
+        """Return the constant damping matrix of eq. (13); its part by the mass on bodies too."""
         if self.beta and (faults := list(_without_direction(blocks))):
             raise CaseError(faults)
         damping = self.matrix(blocks)
@@ -51,7 +51,7 @@ class RayleighDamping(Effect):
         return self.NOT_WITH if self.beta else {}
 
     def matrix(self, blocks: Blocks) -> scipy.sparse.csr_array:
-        """D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
+        """Return D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
         stiffness = reference_tangent_stiffness(
             blocks.net, blocks.position, blocks.poses.net, blocks.n_points
         )
@@ -62,11 +62,11 @@ class RayleighDamping(Effect):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[RayleighDamping, str]:
-        """The paper's coefficients."""
+        """Assume the paper's coefficients."""
         return RayleighDamping(alpha=1e-3, beta=1e-8), "alpha = 1e-3 1/s, beta = 1e-8 s (paper, sec. 3.3)"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """The way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
+        """Estimate the way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
         speed = basis.rms(basis.velocity)
         rate = 0.0
         if speed > 0.0:

@@ -51,11 +51,11 @@ class SelfContact(Effect, ImpactDampingConfig):
                 yield Fault("radius", f"must be at least that of {words}, {own:.6g} m, got {radius:g}")
 
     def first_order_states(self) -> tuple[FirstOrder, ...]:
-        """Energy that damping has taken [J]."""
+        """Return the energy that damping has taken [J]."""
         return (FirstOrder(f"{NAME}/damping", (0.0,), "J", gives=-1.0),)
 
     def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
-        """One term for all elements of the net and its strings; none for a single one."""
+        """Return one term for all elements of the net and its strings; none for a single one."""
         if blocks.net.n_net_elements < 2:
             return ()
         return (threads_together(blocks, self.radii(blocks.net), self.stiffness, self.a),)
@@ -68,12 +68,12 @@ class SelfContact(Effect, ImpactDampingConfig):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[SelfContact, str]:
-        """Threads as thick as they are; what they exchange as they meet hardly depends on the stiffness."""
+        """Assume threads as thick as they are; what they exchange hardly depends on the stiffness."""
         keys = SelfContact.model_validate({"stiffness": 1e5, "damping": 0.0})
         return keys, "threads of their own radius, without damping"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """Meetings of threads once the net has opened and springs back, as lines that fly past each other.
+        """Estimate meetings of threads once the net has opened and springs back, as lines in flight.
 
         Where the net meets a body, what lies on it stops, and the others go on at the speed of the meeting. A
         line of length l that moves at the speed v across itself sweeps the area (pi/4) l v; lines of the

@@ -50,14 +50,14 @@ class SolarPressure(Effect):
         return vector
 
     def terms(self, blocks: Blocks) -> tuple[LinearTerm, ...]:
-        """A constant load on each node."""
+        """Return a constant load on each node."""
         pressure = self.pressure_coefficient * self.flux / LIGHT
         area = tumbling_areas(blocks, self.bullet_area)
         return (LinearTerm(load=np.outer(pressure * area, self.direction).ravel()),)
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[SolarPressure, str]:
-        """Near the Earth, bullets as balls of aluminium."""
+        """Assume sunlight near the Earth, bullets as balls of aluminium."""
         bullets = basis.net.bullet_nodes
         area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
         keys = SolarPressure.model_validate(
@@ -66,7 +66,7 @@ class SolarPressure(Effect):
         return keys, "1361 W/m2, C = 1.3" + (", balls of aluminium" if area else "")
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """The load on each node."""
+        """Estimate the load on each node."""
         load = self.terms(basis.blocks)[0].load
         assert load is not None
         acceleration = basis.of_force(load.reshape(-1, 3))

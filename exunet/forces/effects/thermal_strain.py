@@ -52,19 +52,19 @@ class ThermalStrain(Effect):
             yield Fault("", f"the thermal strain alpha dT must be between -0.1 and 0.1, got {strain:.3g}")
 
     def terms(self, blocks: Blocks) -> tuple[ElementLaw, ...]:
-        """The same free strain for every element; nothing if it is zero."""
+        """Return the same free strain for every element; nothing if it is zero."""
         if self.stretch == 1.0:
             return ()
         return (ElementLaw(free_strain=np.full(blocks.net.n_elements, self.free_strain)),)
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[ThermalStrain, str]:
-        """From a workshop into the shade of an orbit."""
+        """Assume a net that comes from a workshop into the shade of an orbit."""
         keys = ThermalStrain(temperature_change=-100.0, expansion_coefficient=5e-6)
         return keys, "100 K colder, alpha = 5e-6 1/K"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """The change of the open net's distances; of a taut net, the flight on its elastic energy.
+        """Estimate the change of the open net's distances; of a taut net, the flight on its elastic energy.
 
         Cold cables stretch a net that was just taut; it pulls itself together, goes slack, and flies on.
         """

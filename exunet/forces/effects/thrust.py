@@ -60,7 +60,7 @@ class Thrust(Effect):
         yield from existing_bullets(self.bullets, rest)
 
     def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
-        """One term over the chosen bullets.
+        """Return one term over the chosen bullets.
 
         Its memory is the number of the knots passed, so that no step sees a kink; the time from which on the
         knots count [s]; the factor of all forces, which a script may set. Before the first knot (0) and after
@@ -74,7 +74,7 @@ class Thrust(Effect):
         return (KernelTerm("bullets", add_thrust, data(initial), memory=memory, switch=Knots(self.time)),)
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """The bullets alone under the largest force, and their way under the given one until the end."""
+        """Estimate the bullets alone under the largest force, and their way under the given force."""
         bullets = basis.net.bullet_nodes[list(self.bullets)]
         mass = basis.net.mass[bullets]
         times = np.clip(np.array(self.time), 0.0, basis.duration)

@@ -46,7 +46,7 @@ _CONTACT_KEYS = ("stiffness", "node_stiffness", "bullet_stiffness", "body_stiffn
 
 
 class Varied(StrEnum):
-    """What a setting varies."""
+    """Quantity that a setting varies."""
 
     SIZE = "step or tolerance"
     METHOD = "method"
