@@ -34,7 +34,7 @@ from exunet.bodies import config as bodies
 from exunet.bodies.config import Bodies, Placed, Quaternion
 from exunet.forces import corner_units, effects
 from exunet.forces.corner_units import AnyControl
-from exunet.forces.effect import RestOfCase
+from exunet.forces.effect import RestOfCase, existing_body
 from exunet.forces.effects import Effects as _Effects
 from exunet.forces.effects.contact import Contact
 from exunet.forces.effects.thermal_strain import ThermalStrain
@@ -514,9 +514,7 @@ def _initial(scene: Scene) -> Iterator[Fault]:
     if initial.fold is not None:
         yield from within("initial.fold", folding.cross_checks(scene.net, initial.fold))
     if (frame := initial.frame) is not None:
-        if frame.body not in scene.bodies:
-            known = ", ".join(scene.bodies) or "none"
-            yield Fault("initial.frame.body", f'unknown body "{frame.body}" (bodies: {known})')
+        yield from existing_body("initial.frame.body", frame.body, RestOfCase(scene))
         if frame.eject_at > 0.0 and reached(frame.eject_at, scene.time.end):
             words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
             yield Fault("initial.frame.eject_at", words)

@@ -22,7 +22,7 @@ from exunet.forces.contact.estimate import estimate_notes
 from exunet.forces.contact.law import ImpactDampingConfig, hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.sphere_contact import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.thread_contact import Friction, thread_contact
-from exunet.forces.effect import Effect, RestOfCase
+from exunet.forces.effect import Effect, RestOfCase, existing_body
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
@@ -36,16 +36,11 @@ def named(keys: Any, rest: RestOfCase, key: str) -> Iterator[Fault]:
     for k, name in enumerate(names):
         place = f"{key}[{k}]"
         if name not in rest.bodies:
-            yield _not_there(name, rest, place)
+            yield from existing_body(place, name, rest)
         elif name in names[:k]:
             yield Fault(place, f"{name} is named twice")
         else:
             yield from _touchable(rest.scene.bodies[name], name, place)
-
-
-def _not_there(name: str, rest: RestOfCase, place: str) -> Fault:
-    there = ", ".join(rest.bodies) or "none"
-    return Fault(place, f"unknown body {name!r} (bodies: {there})")
 
 
 def paired(keys: Any, rest: RestOfCase) -> Iterator[Fault]:
@@ -56,7 +51,7 @@ def paired(keys: Any, rest: RestOfCase) -> Iterator[Fault]:
         place = f"bodies[{k}]"
         missing = [name for name in dict.fromkeys(pair) if name not in rest.bodies]
         for name in missing:
-            yield _not_there(name, rest, f"{place}[{pair.index(name)}]")
+            yield from existing_body(f"{place}[{pair.index(name)}]", name, rest)
         if one == other:
             yield Fault(place, f"{one} cannot touch itself: give two bodies")
         elif frozenset(pair) in seen:
