@@ -51,7 +51,7 @@ class Bending(Effect):
         return nodes, weight, self.modulus * inertia / length.mean(axis=1)
 
     def terms(self, blocks: Blocks) -> tuple[LinearTerm, ...]:
-        """Return the constant stiffness of all springs; nothing if there is none."""
+        """Return the constant stiffness of all springs; nothing without springs."""
         nodes, weight, constant = self.springs(blocks.net)
         if not len(nodes) or not constant.any():
             return ()
