@@ -282,7 +282,7 @@ def all_have_lines(result: Result) -> bool:
         return False
     lines = effects_of(result.states)
     effects = result.provenance.get("effects", [])
-    within = all(effect in lines or hasattr(EFFECTS.get(effect), "internal") for effect in effects)
+    within = all(effect in lines or (effect in EFFECTS and EFFECTS[effect].INTERNAL) for effect in effects)
     return within and any(body.inertia is not None for body in result.bodies.values())
 
 

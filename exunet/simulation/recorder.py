@@ -17,7 +17,8 @@ from exunet.base.version import VERSION
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.shapes import packed
 from exunet.forces.corner_units import NAME as UNITS
-from exunet.forces.effects import switched_on
+from exunet.forces.effects.gravity import Gravity
+from exunet.forces.effects.orbit import Orbit
 from exunet.integrators.exudyn.engine import exudyn_version
 from exunet.integrators.protocol import StepCounts
 from exunet.methods.method import Plan
@@ -296,7 +297,7 @@ def initial_provenance(start: Start) -> dict[str, Any]:
         "end": start.scene.time.end,
         "notes": list(start.plan.notes),
         "engine": start.scene.engine.model_dump(),
-        "effects": sorted(switched_on(start.scene.effects)),
+        "effects": sorted(start.scene.effects.on),
         **({} if (rule := start.scene.capture) is None else {RULE: rule.model_dump()}),
         **_control(start),
         **scene_provenance(start).as_json(),
@@ -347,7 +348,7 @@ def scene_provenance(start: Start) -> SceneProvenance:
 
 def _up(start: Start) -> list[float]:
     """Return the unit vector against gravity, or along the radial of an orbit; empty without both."""
-    gravity, orbit = (getattr(start.scene.effects, name) for name in ("gravity", "orbit"))
+    gravity, orbit = start.scene.effects.get(Gravity), start.scene.effects.get(Orbit)
     up = np.zeros(3) if orbit is None else np.array(orbit.radial)
     up = up if gravity is None else -np.array(gravity.acceleration)
     return (up / np.linalg.norm(up)).tolist() if up.any() else []
