@@ -1,0 +1,38 @@
+"""Writes the documentation into docs/_build/html: python docs/build_site.py [--quick]
+
+Requires `pip install '.[docs]'`. Generates the reference, then the gallery, executes notebooks that are not in their
+cache, and fails on any warning of Sphinx. With --quick the gallery has six cases.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent
+BUILD = DOCS / "_build"
+REFERENCE = ("build_keys.py", "build_api.py", "build_commands.py")
+GALLERY = DOCS / "build_gallery.py"
+
+
+def main() -> int:
+    """Build, and return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="six cases in the gallery")
+    quick = ["--quick"] if parser.parse_args().quick else []
+    commands = [[DOCS / name] for name in REFERENCE]
+    if GALLERY.exists():
+        commands.append([GALLERY, *quick])
+    strict = ("-n", "-W", "--keep-going", "-q", "-j", "auto")
+    commands.append(["-m", "sphinx", *strict, "-d", BUILD / "doctrees", DOCS, BUILD / "html"])
+    for command in commands:
+        if code := subprocess.run([sys.executable, *command], check=False).returncode:
+            return code
+    print(BUILD / "html" / "index.html")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
