@@ -19,7 +19,9 @@ GALLERY = DOCS / "build_gallery.py"
 
 def main() -> int:
     """Build, and return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="six cases in the gallery")
     quick = ["--quick"] if parser.parse_args().quick else []
     commands = [[DOCS / name] for name in REFERENCE]

@@ -119,9 +119,7 @@ class LinkNames(SphinxTransform):
             linked = any(isinstance(node, nodes.reference | pending_xref | nodes.title) for node in parents)
             if found and not linked:
                 options = {"refdomain": "doc", "reftype": "myst", "refdoc": self.env.docname}
-                link = pending_xref(
-                    "", reftarget=found[0], reftargetid=found[1], refexplicit=True, **options
-                )
+                link = pending_xref("", reftarget=found[0], reftargetid=found[1], refexplicit=True, **options)
                 literal.replace_self(link)
                 link += nodes.inline("", "", literal, classes=["xref", "myst"])
 

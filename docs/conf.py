@@ -41,5 +41,6 @@ html_css_files = ["site.css"]
 html_extra_path = ["capture_box.html"]
 html_copy_source = html_show_sourcelink = False
 html_show_sphinx = False
+html_show_search_summary = False  # pages of a folder cannot be read by a script
 html_theme_options = {"footer_icons": []}
 katex_css_path = "katex/katex.min.css"  # of the same version as the scripts in sphinxcontrib-katex
