@@ -1,4 +1,4 @@
-"""Writes docs/reference/keys, the reference of the case format, from the records: python docs/build_keys.py"""
+"""Writes docs/reference/keys, the pages of the case format, from its records: python docs/build_keys.py"""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ are NaN and infinities. Physical quantities do not have defaults: what a case do
 scene. All errors of a file are reported at once, with their lines. `exunet schema --json` prints this format
 as a JSON Schema, for editors.
 
-Equations and conventions are in [theory](../../explanation/theory.md), [bodies](../../explanation/theory_bodies.md) and
-[contact](../../explanation/theory_contact.md). `NAME` stands for a name that the case chooses, of letters,
+Equations and conventions are in [theory](../../explanation/theory.md),
+[bodies](../../explanation/theory_bodies.md) and [contact](../../explanation/theory_contact.md). `NAME` stands for a name that the case chooses, of letters,
 digits, `_` and `-`; names must differ by more than capital letters.
 
 `--set KEY=VALUE`, and overrides in Python, name a key by its path: `time.end`, `script[2].force`,
@@ -30,7 +30,7 @@ the value replaces the whole table; a warning lists the keys that it drops.
 These pages are generated from the records of the program by `docs/build_keys.py`.
 """
 TOP = "index"
-# Pages: the first part of the path of their tables, or the whole path -> name; others have that of the first part.
+# Path of a table, or its first part -> name of its page; all others have the first part as name.
 PAGES = {
     **dict.fromkeys(("time", "solver", "engine"), "run"),
     "launch": "initial",

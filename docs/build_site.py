@@ -1,12 +1,13 @@
 """Writes the documentation into docs/_build/html: python docs/build_site.py [--quick]
 
-Requires `pip install '.[docs]'`. Generates the reference, then the gallery, executes notebooks that are not in their
-cache, and fails on any warning of Sphinx. With --quick the gallery has six cases.
+Requires `pip install '.[docs]'`. Generates the reference and the gallery, executes the notebooks that are not
+in their cache, and fails on any warning of Sphinx. With --quick the gallery has six cases.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -19,14 +20,13 @@ GALLERY = DOCS / "build_gallery.py"
 
 def main() -> int:
     """Build, and return the exit code."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description="Write the documentation into docs/_build/html.")
     parser.add_argument("--quick", action="store_true", help="six cases in the gallery")
     quick = ["--quick"] if parser.parse_args().quick else []
     commands = [[DOCS / name] for name in REFERENCE]
     if GALLERY.exists():
         commands.append([GALLERY, *quick])
+    shutil.rmtree(BUILD / "html", ignore_errors=True)  # pages of files that are not there any more
     strict = ("-n", "-W", "--keep-going", "-q", "-j", "auto")
     commands.append(["-m", "sphinx", *strict, "-d", BUILD / "doctrees", DOCS, BUILD / "html"])
     for command in commands:

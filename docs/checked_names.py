@@ -1,4 +1,4 @@
-"""Sphinx extension: code in the text that names a key, a public name or a command becomes a link, or fails."""
+"""Sphinx extension: code in a text that names a key, a public name or a command is a link, or an error."""
 
 from __future__ import annotations
 

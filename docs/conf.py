@@ -9,7 +9,7 @@ from exunet.base.version import VERSION
 
 project = "exunet"
 author = "The exunet developers"
-copyright = author
+copyright = author  # noqa: A001
 version = release = VERSION
 exclude_patterns = ["_build", "_static/katex"]
 extensions = [

@@ -3,8 +3,8 @@
     import exunet
     result = exunet.run(exunet.load("cases/planar_deployment.toml"))
 
-docs/reference/python describes all public names. They are imported when they are first used, so that `import exunet`
-itself costs next to nothing.
+docs/reference/python describes all public names. They are imported when they are first used, so that
+`import exunet` itself costs next to nothing.
 """
 
 from importlib import import_module

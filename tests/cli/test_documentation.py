@@ -67,9 +67,7 @@ def test_pages_and_cells_of_tables_are_short(page):
     """At most 400 lines, but of notebooks, and 200 characters in a cell."""
     text = page.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 400 or "{code-cell}" in text
-    text = re.sub(
-        r"^```.*?^```|\]\(.*?\)", "", text, flags=re.DOTALL | re.MULTILINE
-    )  # links as they are shown
+    text = re.sub(r"^```.*?^```|\]\(.*?\)", "", text, flags=re.DOTALL | re.MULTILINE)
     rows = [line for line in text.splitlines() if line.startswith("|")]
     cells = (cell.strip() for row in rows for cell in re.split(r"(?<!\\)\|", row))
     assert not [cell for cell in cells if len(cell) > 200]

@@ -49,8 +49,6 @@ def test_pages_open_without_an_error_a_missing_file_or_a_request_to_a_network(pa
 )
 def test_search_has_the_right_page_among_the_first_three(page: Page, words: str, known: str) -> None:
     found = "[...document.querySelectorAll('#search-results li a')].map(a => a.getAttribute('href'))"
-    query = "?q=" + words.replace(" ", "+")
-    page.open(
-        SITE / "search.html", query=query, ready="document.querySelectorAll('#search-results li').length > 2"
-    )
+    query, ready = words.replace(" ", "+"), "document.querySelectorAll('#search-results li').length > 2"
+    page.open(SITE / "search.html", query=f"?q={query}", ready=ready)
     assert known in [link.partition("?")[0].partition("#")[0] for link in page.evaluate(found)[:3]]

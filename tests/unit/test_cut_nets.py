@@ -1,4 +1,4 @@
-"""Nets cut to an outline: against what docs/explanation/theory.md says of them, written apart, and by hand."""
+"""Nets cut to an outline: against what theory.md says of them, written apart, and by hand."""
 
 from __future__ import annotations
 

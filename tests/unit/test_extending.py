@@ -1,4 +1,4 @@
-"""The code of docs/how_to/extending.md and write_a_metric.md in a copy of the package, and its tests there."""
+"""The code of extending.md and write_a_metric.md in a copy of the package, and its tests there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nets by topology: counts, masses, geometry and the mouth's largest area, by the rules of docs/explanation/theory.md."""
+"""Nets by topology: counts, masses, geometry and the mouth's largest area, by the rules of theory.md."""
 
 from __future__ import annotations
 
@@ -280,7 +280,7 @@ def test_hexagonal_knots_are_those_of_the_case_format() -> None:
 
 @pytest.mark.parametrize("rings", [0, 1, 3])
 def test_bridles(rings: int) -> None:
-    """docs/explanation/theory.md: bullet k on the ray at 60 k degrees, at (R + 1/2) sqrt(3) a + sqrt(l^2 - a^2/4)."""
+    """theory.md: bullet k on the ray at 60 k degrees, at (R + 1/2) sqrt(3) a + sqrt(l^2 - a^2/4)."""
     a, length = 0.5, 0.8
     woven = net("hexagonal", mesh=a, rings=rings, strings={**STRING, "length": length}, bullets={"mass": 1.0})
     knots = (rings + 0.5) * math.sqrt(3) * a
