@@ -101,7 +101,10 @@ def test_python_examples_of_the_step_api_run(shown):
     balance = re.search(r"energy balance: (\S+) J", printed)
     assert balance is not None
     assert abs(float(balance[1])) < 1e-10  # round-off: no cable is taut yet
-    assert printed.endswith("ok 201\n")
+
+
+def test_python_examples_of_checkpoints_run(shown):
+    assert shown("docs/how_to/resume.md") == "ok 201\n"
 
 
 def test_python_examples_of_scenes_run(shown):
