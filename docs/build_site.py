@@ -7,6 +7,7 @@ in their cache, and fails on any warning of Sphinx. With --quick the gallery has
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import subprocess
 import sys
@@ -29,9 +30,20 @@ def main() -> int:
     shutil.rmtree(BUILD / "html", ignore_errors=True)  # pages of files that are not there any more
     strict = ("-n", "-W", "--keep-going", "-q", "-j", "auto")
     commands.append(["-m", "sphinx", *strict, "-d", BUILD / "doctrees", DOCS, BUILD / "html"])
+    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))  # of exunet, in notebooks
+    environment = os.environ | {"PATH": path, "COLUMNS": "100"}  # as wide as a page
     for command in commands:
-        if code := subprocess.run([sys.executable, *command], check=False).returncode:
+        run = subprocess.run([sys.executable, *command], env=environment, check=False)
+        if code := run.returncode:
+            shutil.rmtree(
+                BUILD / "doctrees", ignore_errors=True
+            )  # so that pages with warnings are read again
             return code
+    for notebook in (BUILD / "notebooks").rglob("*.ipynb"):
+        if "Traceback (most recent call last)" in notebook.read_text(encoding="utf-8"):
+            shutil.rmtree(BUILD / "notebooks")
+            print(f"{notebook}: a cell prints a traceback", file=sys.stderr)
+            return 1
     print(BUILD / "html" / "index.html")
     return 0
 

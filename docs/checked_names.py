@@ -27,7 +27,7 @@ GROUPS = {name: build_api.file_name(group)[:-3] for group, names in exunet.API.i
 PUBLIC = re.compile(r"exunet\.(\w+)")
 COMMAND = re.compile(r"exunet ([a-z]+)\b(.*)")
 # [effects.contact], [[script]], time.end, script[2].force, net.size = 4.0; two parts at least, or brackets
-KEY = re.compile(r"(?:--set '?)?\[*([a-z_]\w*(?:\.[A-Za-z_]\w*|\[\d+\]\.)*)\]*(?: ?= ?.*)?'?")
+KEY = re.compile(r"(?:--set '?)?\[*([a-z_]\w*(?:\.[A-Za-z_]\w*|\[\d+\])*)\]*(?: ?= ?.*)?'?")
 Target = tuple[str, str]  # document, anchor
 
 
@@ -89,7 +89,7 @@ def key_target(path: list[str]) -> Target:
             if mapping in TABLES:
                 at = mapping.removesuffix(".NAME")
                 continue
-            if part not in table.keys or place + 1 < len(path):
+            if part not in table.keys or not all(map(str.isdigit, path[place + 1 :])):
                 raise Unknown(f"{'.'.join(path)} is not a key of a case")
     if at in TABLES and table.paths:
         return f"reference/keys/{table.page}", slugify(table.heading.replace("`", ""))

@@ -73,6 +73,25 @@ def test_pages_and_cells_of_tables_are_short(page):
     assert not [cell for cell in cells if len(cell) > 200]
 
 
+def test_names_in_a_text_that_exunet_does_not_have_are_errors():
+    """Their table, group or command is the page of the others, by the case format and `exunet.API`."""
+    pytest.importorskip("sphinx")
+    from checked_names import Unknown, target
+
+    known = {
+        "[effects.contact]": ("reference/keys/contact", "effectscontact"),
+        "bodies.sat.parts[2].radius": ("reference/keys/bodies", "bodiesnamepartsname"),
+        "--set time.end=3": ("reference/keys/run", "time"),
+        "exunet.save_view(result)": ("reference/python/figures", "exunetsave_view"),
+        "exunet run CASE --check -o DIR": ("reference/commands/run", ""),
+        "result.time": None,
+    }
+    assert {text: target(text) for text in known} == known
+    for text in ("[effects.contacts]", "bodies.sat.sizes", "time.end.x", "exunet.saves", "exunet run --chek"):
+        with pytest.raises(Unknown):
+            target(text)
+
+
 @pytest.fixture
 def shown(tmp_path, monkeypatch, capsys):
     """What the Python blocks of a page print, run in their order in a folder that has the cases."""
