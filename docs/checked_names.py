@@ -38,7 +38,7 @@ class Unknown(Exception):
 def target(text: str) -> Target | None:
     """Return the page and the anchor of what a text names; None if it is not a name of exunet."""
     if match := PUBLIC.match(text):
-        return public_target(match[1], text)
+        return public_target(match[1])
     if match := COMMAND.match(text):
         return command_target(match[1], match[2])
     match = KEY.fullmatch(text)
@@ -52,11 +52,10 @@ def is_path(text: str) -> bool:
     return "." in text and not text.endswith((".toml", ".png", ".csv", ".html"))
 
 
-def public_target(name: str, text: str) -> Target | None:
+def public_target(name: str) -> Target | None:
     if name in GROUPS:
         return f"reference/python/{GROUPS[name]}", slugify(f"exunet.{name}")
-    module = re.match(r"exunet(\.[a-z]\w*)*", text)
-    if module and importlib.util.find_spec(module[0].rpartition(".")[0]):
+    if importlib.util.find_spec(f"exunet.{name}"):  # a package
         return None
     raise Unknown(f"exunet.{name} is not a public name")
 
