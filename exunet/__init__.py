@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
     from exunet.coupling.rollback import Ledger as Ledger
+    from exunet.forces.blocks import Blocks as Blocks
+    from exunet.forces.blocks import FirstOrder as FirstOrder
     from exunet.forces.corner_units import FormationControl as FormationControl
     from exunet.forces.corner_units import GivenControl as GivenControl
     from exunet.forces.corner_units import Noise as Noise
@@ -63,6 +65,8 @@ if TYPE_CHECKING:
     from exunet.forces.effects.solar_pressure import SolarPressure as SolarPressure
     from exunet.forces.effects.thermal_strain import ThermalStrain as ThermalStrain
     from exunet.forces.effects.thrust import Thrust as Thrust
+    from exunet.forces.terms import Input as Input
+    from exunet.forces.terms import KernelTerm as KernelTerm
     from exunet.methods.config import Solver as Solver
     from exunet.net.base import Bullets as Bullets
     from exunet.net.base import Cable as Cable
@@ -213,6 +217,12 @@ API = {
         "Simulation": "exunet.simulation.simulation",
         "Snapshot": "exunet.simulation.snapshot",
         "NetEnvironment": "exunet.studies.environment",
+    },
+    "Add forces": {
+        "KernelTerm": "exunet.forces.terms",
+        "Input": "exunet.forces.terms",
+        "FirstOrder": "exunet.forces.blocks",
+        "Blocks": "exunet.forces.blocks",
     },
     "Couple a net to a host": {
         "NetSystem": "exunet.coupling.net_system",

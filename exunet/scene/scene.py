@@ -426,6 +426,8 @@ class Scene(Record):
         made, faults = list[Override](), list[Fault]()
         for key, value in changes.items():
             try:
+                if not isinstance(key, str):
+                    raise ValueError("a key path is a string")
                 change = Override(key, key_path(key), plain(value), removes=value is None)
                 made.append(applied(change, document, Scene))
             except ValueError as error:

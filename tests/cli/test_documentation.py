@@ -220,6 +220,17 @@ def test_example_push_a_bullet():
     assert example("push_a_bullet").main() == pytest.approx(0.01 / mass, rel=1e-3)
 
 
+def test_example_own_force():
+    """A force inside the system keeps momentum to round-off; what it stores and takes out is balanced."""
+    compiled, exudyn = (example("own_force").main(backend) for backend in ("compiled", "exudyn"))
+    for result in (compiled, exudyn):
+        momentum = 80.0 * result.bodies["chaser"].velocity[:] + result.net.mass @ result.velocity[:]  # 80 kg
+        assert np.abs(momentum - momentum[0]).max() < 1e-12
+        assert np.diff(result.dissipated).min() > 0.0
+        assert exunet.energy_balance(result) < 1e-9  # solver.accuracy = 1e-6
+    assert np.abs(compiled.position[:] - exudyn.position[:]).max() < 1e-9
+
+
 @pytest.mark.slow
 def test_example_parameter_study(capsys):
     slow, fast = example("parameter_study").main(end="0.62", speeds=(2.0, 3.0))
