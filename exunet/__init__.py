@@ -3,8 +3,8 @@
     import exunet
     result = exunet.run(exunet.load("cases/planar_deployment.toml"))
 
-docs/api.md describes all public names. They are imported when they are first used, so that `import exunet`
-itself costs next to nothing.
+docs/reference/python describes all public names. They are imported when they are first used, so that
+`import exunet` itself costs next to nothing.
 """
 
 from importlib import import_module
@@ -144,7 +144,7 @@ if TYPE_CHECKING:
     from exunet.studies.study import Study as Study
     from exunet.studies.study import StudyTable as StudyTable
 
-# Groups of public names, in the order of docs/api.md: name -> the module it lives in.
+# Groups of public names, in the order of docs/reference/python: name -> the module it lives in.
 API = {
     "Run a case": {
         "load": "exunet.scene.casefile",
@@ -229,11 +229,13 @@ API = {
         "FrameState": "exunet.bodies.port",
         "PortLoad": "exunet.coupling.net_system",
         "Coupler": "exunet.coupling.coupler",
+        "Ledger": "exunet.coupling.rollback",
+        "CoupledSnapshot": "exunet.coupling.rollback",
+    },
+    "Hosts": {
         "Host": "exunet.coupling.host",
         "BodiesHost": "exunet.coupling.host",
         "ExudynHost": "exunet.coupling.exudyn_host",
-        "Ledger": "exunet.coupling.rollback",
-        "CoupledSnapshot": "exunet.coupling.rollback",
         "add_to": "exunet.coupling.exudyn_host",
         "NativeItems": "exunet.coupling.exudyn_host",
         "export_fmu": "exunet.coupling.fmu.export",

@@ -99,7 +99,7 @@ def _by_length(loops: list[list[int]], knots: Floats) -> tuple[Ints, ...]:
 
 
 _FLAT = 1e-9  # of the size of a net: what is nearer to a plane, or to a side, than this lies in it
-_GUIDE = "see docs/extending.md, A topology"
+_GUIDE = "see docs/how_to/extending.md, A topology"
 
 
 def refuse_unsound(mesh: Mesh, topology: str) -> None:

@@ -1,7 +1,7 @@
 """Metrics of a run: named numbers with unit and, where they have one, time and place.
 
 A metric is yielded by one of the functions in `METRICS`. To add a metric, add a function to that list, and a
-line to the list of metrics in docs/metrics.md. A metric that a run does not have is not yielded.
+line to the list of metrics in docs/reference/metrics.md. A metric that a run does not have is not yielded.
 """
 
 from __future__ import annotations

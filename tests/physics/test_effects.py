@@ -273,7 +273,7 @@ def test_the_orbit_accelerates_the_nominal_motion_as_its_forces_do() -> None:
 PLANAR = CASES / "planar_deployment.toml"
 IN_ORBIT = EFFECT_CASES / "orbit.toml"
 
-# Case, overrides, effect: the list of docs/effects.md, in its order.
+# Case, overrides, effect: the list of docs/explanation/effects.md, in its order.
 EARLY = ("time.end=1.2", "time.output_step=0.05")
 EARLIER = ("time.end=0.5", "time.output_step=0.05")  # before snaps multiply what is so small
 PAIRS: list[tuple[str, tuple[str, ...], str]] = [

@@ -64,7 +64,7 @@ def test_a_saved_case_has_the_same_bits(tmp_path: Path, name: str) -> None:
 
 def test_the_scene_of_the_tutorial_has_the_same_bits_from_python_and_from_its_file(tmp_path: Path) -> None:
     """Carried net, two bodies, tether, closing line with a winch, contact, capture, script."""
-    page = (CASES.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
+    page = (CASES.parent / "docs" / "how_to" / "scenes.md").read_text(encoding="utf-8")
     names: dict[str, Any] = {}
     exec(page.partition("```python\n")[2].partition("```")[0], names)
     names["scene"].save(tmp_path / "capture.toml")

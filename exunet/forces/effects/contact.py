@@ -1,7 +1,7 @@
 """Contact of threads, nodes and bullets with rigid bodies, and of these with each other.
 
 Penalty with Hunt and Crossley's damping across the surface, Coulomb friction along it; see
-`exunet.forces.contact`, and for the equations docs/theory_contact.md.
+`exunet.forces.contact`, and for the equations docs/explanation/theory_contact.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Contact of the threads of a net with each other, without friction.
 
 Penalty, integrated over where threads touch, with Hunt and Crossley's damping; see
-`exunet.forces.contact.segment_segment`, and for the equations docs/theory_contact.md.
+`exunet.forces.contact.segment_segment`, and for the equations docs/explanation/theory_contact.md.
 """
 
 from __future__ import annotations
