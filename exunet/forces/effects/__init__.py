@@ -33,7 +33,7 @@ An effect's module has
 - if it has first-order states, `first_order_states(keys) -> tuple[FirstOrder, ...]`.
 
 Its energy is that of the terms: a potential, or work that is integrated along the run. A new effect is this
-module, one line in `_NAMES`, its equation in `docs/explanation/theory.md`, and a test.
+module, one line in `_NAMES`, its equation in `docs/explanation/theory_effects.md`, and a test.
 """
 
 from __future__ import annotations
