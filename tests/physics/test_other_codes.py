@@ -30,7 +30,7 @@ def test_a_swinging_element_as_code_aster_computes_it() -> None:
 def test_a_folded_chain_falls_as_calkin_and_march_have_it() -> None:
     """Times to fall y = 0.25 to 0.95 L = 2 m, by v^2 = 2 g y (1 - y / 2 L) / (1 - y / L); fold of 20 mm."""
     side = np.outer(np.arange(100), [0.0, 0.0, -0.01])
-    places = np.concatenate([side, [[0.01, 0.0, -0.99]], side[::-1] + [0.02, 0.0, 0.0]])
+    places = np.concatenate([side, [[0.01, 0.0, -0.99]], np.add(side[::-1], [0.02, 0.0, 0.0])])
     cable = {"area": 1e-6, "density": 1e5, "youngs_modulus": 2e10, "law": "hooke"}
     nodes, elements = np.outer(np.arange(201), [0.01, 0.0, 0.0]), [[k, k + 1] for k in range(200)]
     case = listed(nodes.tolist(), elements, 1.0, net={"cable": cable, "fixed": [0]})

@@ -125,7 +125,7 @@ def place(inclination, latitude, axes=FRAME):
 @pytest.mark.parametrize("axes", [FRAME, OTHER_FRAME])
 @pytest.mark.parametrize(("inclination", "latitude"), [(1.714, 0.8), (0.4, 4.0), (2.9, -1.0)])
 def test_gradient_is_the_second_derivative_of_the_force_function(axes, inclination, latitude):
-    """theory_effects.md: mu J2 Re^2 (1 - 3 (k.rho)^2/|rho|^2)/(2 |rho|^3), by central differences over 2 km."""
+    """mu J2 Re^2 (1 - 3 (k.rho)^2/|rho|^2)/(2 |rho|^3), theory_effects.md, by differences over 2 km."""
     here = place(inclination, latitude, axes)
     k = axis(here).astype(np.longdouble)
 
