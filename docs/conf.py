@@ -47,7 +47,6 @@ copybutton_exclude = ".linenos, .gp, .go"
 numfig = True  # equations are numbered through, in the order of the pages
 numfig_secnum_depth = 0
 bibtex_bibfiles = ["references.bib"]
-bibtex_reference_style = "author_year"
 
 html_theme = "furo"
 html_title = f"exunet {VERSION}"
