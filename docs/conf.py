@@ -21,6 +21,7 @@ extensions = [
     "sphinx_design",
     "sphinx_copybutton",
     "sphinxcontrib.katex",
+    "sphinxcontrib.bibtex",
     "checked_names",
 ]
 nitpicky = True
@@ -42,6 +43,10 @@ nb_output_stderr = "remove"  # progress; build_site.py looks for tracebacks
 nb_merge_streams = True
 executors.executenb = partial(executors.executenb, coalesce_streams=True)  # else commands print in pieces
 copybutton_exclude = ".linenos, .gp, .go"
+
+numfig = True  # equations are numbered through, in the order of the pages
+numfig_secnum_depth = 0
+bibtex_bibfiles = ["references.bib"]
 
 html_theme = "furo"
 html_title = f"exunet {VERSION}"
