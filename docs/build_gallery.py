@@ -187,7 +187,7 @@ def write_pages(cards: Mapping[str, Card], folder: Path) -> None:
     index = [HEAD]
     for section, cases in CHOSEN.items():
         shown = [name for name in cases if name in cards]
-        index += [f"## {section}\n\n::::{{grid}} 1 2 3 3\n:gutter: 3\n"] * bool(shown)
+        index += [f"## {section}\n\n::::{{grid}} 1 2 3 3\n:gutter: 3\n:class-container: runs\n"] * bool(shown)
         for name in shown:
             card, up = cards[name], "../" * name.count("/")
             title, outcome = escaped(card["title"]), escaped(card["outcome"])
