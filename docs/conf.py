@@ -51,8 +51,8 @@ bibtex_bibfiles = ["references.bib"]
 html_theme = "furo"
 html_title = f"exunet {VERSION}"
 html_static_path = ["_static"]
-html_css_files = ["site.css"]
-html_extra_path = ["capture_box.html"]
+html_css_files = ["site.css", "gallery.css"]
+html_extra_path = ["capture_box.html", "_build/gallery/site"]
 html_copy_source = html_show_sourcelink = False
 html_show_sphinx = False
 html_show_search_summary = False  # pages of a folder cannot be read by a script
