@@ -54,7 +54,6 @@ def summary_of(
 ) -> dict[str, Any]:
     """Collect the numbers of a result from observables that are computed already in part."""
     result, known = run.result, run.result.provenance
-    engine = known.get("engine", {})
     return {
         "title": known.get("title", ""),
         "case": known.get("case"),
@@ -96,7 +95,7 @@ def summary_of(
             "name": known.get("method"),
             "tolerance": known.get("tolerance"),
             "step_s": known.get("step"),
-            "backend": engine.get("backend"),
+            "backend": known.get("backend"),
             "items": known.get("items", {}),
         },
         "cost": {

@@ -18,7 +18,7 @@ from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, Series
 from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest
 from exunet.kernels.kernel import term_kernel
-from exunet.methods.method import Backend, Plan, turning_polynomial
+from exunet.methods.method import Plan, turning_polynomial
 from exunet.model.ejection import Ejection
 from exunet.model.script import HEADING as SCRIPT
 from exunet.model.states import States
@@ -368,10 +368,10 @@ class Monitor:
         """Energy scale of the guards [J]."""
         return self._guards.scale
 
-    def explain(self, plan: Plan, backend: Backend) -> None:
-        """Set plan and backend of the run from now on, for the guards and their messages."""
+    def explain(self, plan: Plan) -> None:
+        """Set the plan of the run from now on, for the guards and their messages."""
         self._plan = plan
-        self._guards.explain(plan, turning_polynomial(plan.method, backend))
+        self._guards.explain(plan, turning_polynomial(plan.method, plan.backend))
 
     def mark(self, time: float) -> None:
         """Mark a time [s] at which a step ends, whose state is checked and stored."""

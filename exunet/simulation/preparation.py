@@ -318,7 +318,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
     with np.errstate(all="ignore"):
         plan = with_pilots(scene, system, state, plan)
     notes += tuple(friction_warnings(system, plan))
-    scene, plan = with_backend(scene, system, plan)
+    plan = with_backend(scene, system, plan)
     provenance = None
     if source is not None:
         provenance = source.provenance

@@ -295,7 +295,7 @@ def initial_provenance(start: Start) -> dict[str, Any]:
         "step": start.plan.step,
         "end": start.scene.time.end,
         "notes": list(start.plan.notes),
-        "engine": start.scene.engine.model_dump(),
+        "backend": start.plan.backend,
         "effects": sorted(switched_on(start.scene.effects)),
         **({} if (rule := start.scene.capture) is None else {RULE: rule.model_dump()}),
         **_control(start),

@@ -18,7 +18,7 @@ from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundState
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
 from exunet.base.times import next_multiple, reached
-from exunet.methods.method import METHODS, Backend
+from exunet.methods.method import METHODS
 from exunet.results.io import RESULT_FILE, head_of, load_result, write_rows
 from exunet.results.result import Result
 from exunet.results.run_folder import (
@@ -102,7 +102,7 @@ def refuse_checkpoints(start: Start, every: float | None) -> None:
         raise InputError(
             f"--checkpoint-every: {words}, got {every:g} s; without it they are made by wall time"
         )
-    if not METHODS[start.plan.method].restarts_exactly(Backend(start.scene.engine.backend)):
+    if not METHODS[start.plan.method].restarts_exactly(start.plan.backend):
         raise InputError(f"--checkpoint-every: {cannot_restart(start.plan.method)}")
 
 

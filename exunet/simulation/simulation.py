@@ -20,7 +20,7 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.corner_units import Function
 from exunet.forces.reel import command_name
 from exunet.integrators.protocol import StepCounts
-from exunet.methods.method import Backend, Method, Plan
+from exunet.methods.method import Method, Plan
 from exunet.model.states import States
 from exunet.model.system import Moving, State
 from exunet.net.closing import NAME, LineThroughRings
@@ -395,7 +395,7 @@ class Simulation(Attempts):
         if restored != self._plan:
             self._plan = restored
             self._integrator = self._begin(self._start.state)
-        self._monitor.explain(self._plan, Backend(self._start.scene.engine.backend))
+        self._monitor.explain(self._plan)
         self._integrator.restore(group_of("integrator", arrays))
         self._monitor.restore(group_of("monitor", arrays), header["events"])
         self._monitor.push(self._external.forces(self._acting))

@@ -162,7 +162,7 @@ def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
     recorder = Recorder(start, {}, every_step=False)
     recorder.store(States.of(start.system, start.state), np.array([start.system.lost_at_start]))
     monitor = Monitor(start.system, start.state, store=recorder.store, series=recorder.series)
-    monitor.explain(start.plan, Backend.COMPILED)
+    monitor.explain(start.plan)
     through = _step_by_step if start.state.memory or start.system.kinematics.knots else _in_intervals
     try:
         evaluations = through(start, kernel, recorder, monitor, stop)
@@ -218,7 +218,7 @@ def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event)
     # The guards check each stored time, as in a run.
     monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
     for each in filter(None, monitors):
-        each.explain(starts[0].plan, Backend.COMPILED)
+        each.explain(starts[0].plan)
     loop.begin([start.state for start in starts])
     number = _times_side_by_side(starts[0], recorders[0].times)
     for times in _intervals(recorders[0].times, stop, number, number):
@@ -430,6 +430,7 @@ def run_members(
     if start.plan.method not in COMPILED_METHODS:
         words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"
         raise InputError(words)
+    start = replace(start, plan=replace(start.plan, backend=Backend.COMPILED))
     require_whole_number("retries", retries, at_least=0)
     if workers is not None:
         require_whole_number("workers", workers, at_least=1)

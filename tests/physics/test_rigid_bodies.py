@@ -283,7 +283,8 @@ def tethered(*overrides: str) -> Start:
 
 def in_steps(step: float, *overrides: str) -> Start:
     """With the plan of a script."""
-    return replace(tethered(*overrides), plan=Plan(Method.RK44, step=step))
+    start = tethered(*overrides)
+    return replace(start, plan=Plan(Method.RK44, backend=start.plan.backend, step=step))
 
 
 def test_a_step_in_which_a_body_turns_far_is_refused() -> None:

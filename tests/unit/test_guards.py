@@ -18,7 +18,7 @@ from exunet.base.errors import CaseError, RunStopped
 from exunet.bodies.rigid import RigidStates
 from exunet.forces.law import STRETCH_BOUND
 from exunet.integrators.protocol import Batch, IntegrationFailed
-from exunet.methods.method import Backend, Method, Plan
+from exunet.methods.method import Method, Plan
 from exunet.model import energy
 from exunet.model.limits import SAFETY, largest_damping_rate, largest_frequency, stable_step
 from exunet.model.states import States
@@ -58,7 +58,7 @@ def thrown_until_it_stops(*arguments, **tables) -> RunStopped:
 
 def monitor_of(start: Start, **how: int) -> Monitor:
     monitor = Monitor(start.system, start.state, **how)
-    monitor.explain(Plan(Method.RK44, step=1e-3), Backend.COMPILED)
+    monitor.explain(Plan(Method.RK44, step=1e-3))
     return monitor
 
 

@@ -310,12 +310,12 @@ def others() -> dict[str, Simulation]:
     start = prepare(pair_of_masses())
     return {
         "another case": Simulation(pair_of_masses(effects=DAMPED)),
-        "another engine": Simulation(pair_of_masses(engine=engine("compiled"))),
+        "another backend": Simulation(pair_of_masses(engine=engine("compiled"))),
         "another start": Simulation(start.moved(start.position, start.velocity + 1e-9)),
     }
 
 
-@pytest.mark.parametrize("which", ["another case", "another engine", "another start"])
+@pytest.mark.parametrize("which", ["another case", "another backend", "another start"])
 def test_the_snapshot_of_something_else_is_refused(which: str) -> None:
     here, sim = Simulation(pair_of_masses()).snapshot(), others()[which]
     before = seen(sim)
