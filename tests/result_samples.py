@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.run_events import ElementBreak, ScriptEvent
 from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.forces import cable, law
 from exunet.net.arrays import Net
 from exunet.results.result import BodyStates, Result, TermStates
+from exunet.results.run_record import RunRecord
 
 Floats = NDArray[np.float64]
 
@@ -92,7 +94,6 @@ def result(of: Net, time: Any, position: Any, velocity: Any = None, **changes: A
         angular_momentum=np.einsum("n,tnk->tk", of.mass, np.cross(position, velocity)),
         complete=True,
         verdict="ok",
-        provenance={"method": "by hand", "counts": {"steps": 3}},
     )
     return replace(whole, **changes)
 
@@ -125,13 +126,13 @@ def around_a_box(title: str = "a net", body: str = "box") -> Result:
     place, still = of.position[:, 4] + np.array([0.0, 0.0, 0.1]), np.zeros((7, 3))
     states = BodyStates(2.0, np.eye(3), place, still, attitude, still, **packed(shape, np.zeros(3)))
     touching = (turn > 0.5).astype(float)[:, None]
-    story = of.provenance | {
-        "title": title,
-        "script": [{"time_s": 0.5, "entry": "meets", "event": "note", "cause": "t", "done": True}],
-        "broken": [{"element": 5, "time_s": 0.8}],
-        "closing_path": [0, 2, 8, 6, 0],
-        "edge_radii": {body: 0.05},
-    }
+    events = (
+        ScriptEvent(time_s=0.5, entry="meets", event="note", cause="t", done=True),
+        ElementBreak(element=5, time_s=0.8),
+    )
+    record = RunRecord(
+        title=title, events=events, can_break=True, closing_path=[0, 2, 8, 6, 0], edge_radii={body: 0.05}
+    )
     return replace(
         of,
         tension=TENSION,
@@ -148,5 +149,5 @@ def around_a_box(title: str = "a net", body: str = "box") -> Result:
             "closing/tension_start": TermStates("N", 2.0 * touching),
             "closing/tension_end": TermStates("N", 1.0 * touching),
         },
-        provenance=story,
+        run=record,
     )

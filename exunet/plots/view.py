@@ -28,7 +28,7 @@ from exunet.net.arrays import Net
 from exunet.plots.nets import evenly_spaced
 from exunet.plots.scene_3d import free_nodes
 from exunet.plots.time_axes import rows_with_extremes
-from exunet.results.capture import RULE, capture_of
+from exunet.results.capture import capture_of
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import Peak, broken_at
 from exunet.results.observables import (
@@ -42,7 +42,6 @@ from exunet.results.observables import (
 )
 from exunet.results.outcome import Outcome, outcome
 from exunet.results.penetration import contact_forces, contact_places
-from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
 from exunet.results.summary import Event, timeline
 from exunet.results.table import GAP, Report
@@ -142,7 +141,6 @@ def _run(source: Result | Observables, name: str, arrays: Arrays, origin: Floats
     frames = evenly_spaced(result.time, min(len(result.time), FRAMES))
     position = np.asarray(result.position[frames]) - origin
     bodies = {body: np.asarray(states.position[frames]) - origin for body, states in result.bodies.items()}
-    scene = SceneProvenance.of(result.provenance)
     extremes = [position.reshape(-1, 3), *bodies.values()]
     low = np.min([part.min(axis=0) for part in extremes if len(part)], axis=0)
     high = np.max([part.max(axis=0) for part in extremes if len(part)], axis=0)
@@ -165,7 +163,7 @@ def _run(source: Result | Observables, name: str, arrays: Arrays, origin: Floats
             "contactStarts": np.searchsorted(rows, np.arange(len(frames) + 1)).astype("<u4"),
             "contactElements": elements.astype("<u4"),
             "contactPlaces": np.rint(255 * places[rows, elements]).astype("u1"),
-            "closingPath": np.array(scene.closing_path, dtype="<u4"),
+            "closingPath": np.array(result.run.closing_path, dtype="<u4"),
             "seriesTime": time,
         }.items()
     }
@@ -177,7 +175,7 @@ def _run(source: Result | Observables, name: str, arrays: Arrays, origin: Floats
             if key == "values" or values is not time
         }
         series.append(about)
-    title = result.provenance.get("title") or "exunet"
+    title = result.run.title or "exunet"
     return {
         "title": str(title),
         "verdict": "" if result.complete else f"INCOMPLETE: {result.verdict}",
@@ -186,7 +184,7 @@ def _run(source: Result | Observables, name: str, arrays: Arrays, origin: Floats
         "nodes": net.n_nodes,
         "netNodes": net.n_net_nodes if net.n_net_elements else net.n_nodes,
         "size": _size(net, high - low),
-        "up": (up := scene.up or [0.0, 1.0, 0.0]),
+        "up": (up := result.run.up or [0.0, 1.0, 0.0]),
         "direction": _direction(high - low, np.array(up)),
         "corner": low.tolist(),
         "resolution": resolution,
@@ -200,7 +198,7 @@ def _run(source: Result | Observables, name: str, arrays: Arrays, origin: Floats
         "tethers": [[own.start, own.stop] for own in net.tether_elements.values()],
         "reels": [
             {"name": reel, "node": node, "series": k}
-            for reel, node in scene.drums.items()
+            for reel, node in result.run.drums.items()
             for k, item in enumerate(series)
             if item["name"] == f"{reel}/wound_up"
         ],
@@ -251,8 +249,9 @@ def _travels(position: Floats, net: Net) -> bool:
 def _bodies(
     result: Result, frames: list[int], places: dict[str, Floats], name: str, arrays: Arrays, origin: Floats
 ) -> list[dict[str, Any]]:
-    shapes, target = rounded_shapes(result), (result.provenance.get(RULE) or {}).get("target")
-    first = target or ("target" if "target" in result.bodies else next(iter(result.bodies), None))
+    shapes, rule = rounded_shapes(result), result.run.capture
+    first = "target" if "target" in result.bodies else next(iter(result.bodies), None)
+    first = first if rule is None else rule.target
     pressed, found = contact_forces(result, frames), []
     for k, (body, states) in enumerate(result.bodies.items()):
         none = np.zeros((0, 3))

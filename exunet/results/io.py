@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import itertools
-import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -44,6 +43,7 @@ from exunet.results.result import (
     row_ranges,
     state_column,
 )
+from exunet.results.run_record import RunRecord
 from exunet.results.store import STORE_FILE, FileStore, MemoryStore, RowSource
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
 
     The file appears whole or not at all. Raises InputError, and writes nothing, if there is a file of that
     name and `overwrite` is False, if an array contains NaN or infinity or has a shape that does not fit, if
-    the stored times do not increase, if the provenance is not JSON-like, or if the file cannot be written.
+    the stored times do not increase, if its record has NaN or infinity, or if the file cannot be written.
     """
     path = path_of(path, "save")
     if not overwrite and os.path.isfile(path):
@@ -204,7 +204,7 @@ def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
         for name, body in result.bodies.items()
     }
     source = _ResultRows(result, bodies, _where(path))
-    write_rows(source, path, result.net, bodies, result.provenance, result.verdict, result.complete)
+    write_rows(source, path, result.net, bodies, result.run, result.verdict, result.complete)
 
 
 def write_rows(
@@ -212,7 +212,7 @@ def write_rows(
     path: str | Path,
     net: Net,
     bodies: Mapping[str, BodyConstants],
-    provenance: Mapping[str, Any],
+    run: RunRecord,
     verdict: str,
     complete: bool,
 ) -> None:
@@ -220,7 +220,7 @@ def write_rows(
     where = _where(path)
     validate_times(source.read("time", 0, len(source)), where)
     with new_file(path) as (file, sink):
-        _put_head(file, where, net, bodies, provenance, verdict, complete)
+        _put_head(file, where, net, bodies, run, verdict, complete)
         for column in sorted(source.columns, key=lambda column: column.path):
             count, size = len(source), len(source) * column.row_bytes
             rows = max(1, min(count, CHUNK_BYTES // max(1, column.row_bytes)))
@@ -236,13 +236,13 @@ def write_rows(
             _describe(dataset, column.units, column.description)
 
 
-def head_of(net: Net, bodies: Mapping[str, BodyConstants], provenance: Mapping[str, Any]) -> bytes:
+def head_of(net: Net, bodies: Mapping[str, BodyConstants], run: RunRecord) -> bytes:
     """Return a result file without rows, for a run that goes on; raises InputError as `save`."""
     import h5py
 
     stream = io.BytesIO()
     with h5py.File(stream, "w", libver=HDF5_VERSIONS) as file:
-        _put_head(file, "the run", net, bodies, provenance, "", complete=False)
+        _put_head(file, "the run", net, bodies, run, "", complete=False)
     return stream.getvalue()
 
 
@@ -283,20 +283,20 @@ def _put_head(
     where: str,
     net: Net,
     bodies: Mapping[str, BodyConstants],
-    provenance: Mapping[str, Any],
+    run: RunRecord,
     verdict: str,
     complete: bool,
 ) -> None:
     """Write all but the rows."""
     try:
-        story = json.dumps(provenance, sort_keys=True, allow_nan=False)
-    except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(f"{where}: provenance cannot be written as JSON: {error}") from error
+        record = run.to_json()
+    except ValueError as error:
+        raise InputError(f"{where}: the record cannot be written as JSON: {error}") from error
     put_text(file, "kind", FILE_KIND)
     file.attrs["format"] = FILE_FORMAT
     file.attrs["complete"] = bool(complete)
     put_text(file, "verdict", verdict)
-    put_text(file, "provenance", story)
+    put_text(file, "run", record)
     for name, values in _net_arrays(net, where).items():
         put(file, f"{NET_GROUP}/{name}", values, _NET[name].units, _NET[name].description)
     for name, body in bodies.items():
@@ -443,10 +443,10 @@ def open_unfinished(folder: str | Path) -> Result:
         import h5py
 
         with h5py.File(io.BytesIO(store.head), "r") as file:
-            net, bodies, provenance = _head(file, str(path))
+            net, bodies, run = _head(file, str(path))
     end = float(store.read("time", len(store) - 1, len(store))[0])
     verdict = f"unfinished: {len(store)} states until t = {end:.6g} s were stored"
-    return result_of_rows(store, net, bodies, False, verdict, provenance, str(path))
+    return result_of_rows(store, net, bodies, False, verdict, run, str(path))
 
 
 def result_of_rows(
@@ -455,7 +455,7 @@ def result_of_rows(
     bodies: Mapping[str, BodyConstants],
     complete: bool,
     verdict: str,
-    provenance: dict[str, Any],
+    run: RunRecord,
     where: str,
 ) -> Result:
     """Return the Result of the rows in `source`, each value checked when it is read.
@@ -490,7 +490,7 @@ def result_of_rows(
         **{name: found[path] for name, path in PATHS.items() if path in found},
         complete=complete,
         verdict=verdict,
-        provenance=provenance,
+        run=run,
         bodies={name: _body(found, name, body) for name, body in bodies.items()},
         states={c.path[len(STATES) :]: TermStates(c.units, found[c.path]) for c in of_terms},
     )
@@ -551,22 +551,22 @@ class _FileRows:
             return np.asarray(self._file[path][start:stop], dtype=np.float64)
 
 
-def _head(file: h5py.File, where: str) -> tuple[Net, dict[str, BodyConstants], dict[str, Any]]:
-    """Return the net, what does not change of the bodies, and the provenance."""
+def _head(file: h5py.File, where: str) -> tuple[Net, dict[str, BodyConstants], RunRecord]:
+    """Return the net, what does not change of the bodies, and the record of the run."""
     group = file[NET_GROUP]
     optional = ("strength", *_LAW, *(name for name in _NET if name.startswith("tether")))
     if lacks := [name for name in _NET if name not in group and name not in optional]:
         raise InputError(f"{where}: damaged or cut short (the net has no {lacks[0]})")
     net = _net_of({name: _native(group[name][()], _NET[name].dtype) for name in _NET if name in group}, where)
     bodies = {name: _constants(body) for name, body in file["bodies"].items()} if "bodies" in file else {}
-    return net, bodies, dict(json.loads(_text(file.attrs["provenance"])))
+    return net, bodies, RunRecord.from_json(_text(file.attrs["run"]))
 
 
 def _read(file: h5py.File, path: str | Path) -> Result:
-    net, bodies, provenance = _head(file, str(path))
+    net, bodies, run = _head(file, str(path))
     source = _FileRows(file, path, (*declare(net.n_nodes, net.n_elements, bodies), *_of_terms(file)))
     complete, verdict = bool(file.attrs["complete"]), _text(file.attrs["verdict"])
-    return result_of_rows(source, net, bodies, complete, verdict, provenance, str(path))
+    return result_of_rows(source, net, bodies, complete, verdict, run, str(path))
 
 
 def _of_terms(file: h5py.File) -> Iterator[Column]:

@@ -21,7 +21,7 @@ from exunet.forces.from_outside import OUTSIDE
 from exunet.net.arrays import NET, TETHER
 from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
-from exunet.results.loads import ALL_STEPS, PACKED, Attachment, Peak
+from exunet.results.loads import PACKED, Attachment
 from exunet.results.measures import (
     IMPULSE_OF,
     NEARLY_OPEN,
@@ -32,8 +32,8 @@ from exunet.results.measures import (
 from exunet.results.measures import NET as NET_PART
 from exunet.results.observables import CONTACT, DISSIPATED, LINE, SELF, Observables, earliest, touching_pairs
 from exunet.results.outcome import Outcome, outcome
-from exunet.results.provenance import SceneProvenance, done
 from exunet.results.result import Result
+from exunet.results.run_record import ALL_STEPS, Peak
 
 STEADY = 0.01  # part of the largest area: a mouth that changes by less does not open
 COUNT = 1.0 - 1e-9  # resolution of whole numbers: printed as such, of which any two differ
@@ -206,8 +206,7 @@ _PUTS_IN = {"thrust": "thrust", "molecular_drag": "the flow of gas"}
 
 def dissipated_energy(run: Observables) -> Iterator[Metric]:
     """Energy dissipated by the end."""
-    effects = run.result.provenance.get("effects", [])
-    less = " and ".join(words for effect, words in _PUTS_IN.items() if effect in effects)
+    less = " and ".join(words for effect, words in _PUTS_IN.items() if effect in run.result.run.effects)
     remark = f"less what {less} put in" if less else ""
     yield Metric("dissipated_energy", "energy dissipated", "J", float(run.dissipated[-1]), remark=remark)
 
@@ -272,21 +271,20 @@ def corner_units(run: Observables) -> Iterator[Metric]:
 
 def breaks(run: Observables) -> Iterator[Metric]:
     """Number of elements that broke, and when the first did."""
-    broken = run.result.provenance.get("broken")
-    if broken is None:
+    broken = run.result.run.breaks
+    if not run.result.run.can_break:
         return
     yield Metric("elements_broken", "elements that broke", "", float(len(broken)), resolution=COUNT)
     if broken:
-        first = min(float(item["time_s"]) for item in broken)
+        first = min(event.time_s for event in broken)
         yield Metric("first_break", "first break of an element", "s", first, instant=STEP)
 
 
 def script_entries(run: Observables) -> Iterator[Metric]:
     """Of each entry of the script whose time the case does not give: first activation, and their number."""
-    events = done(run.result.provenance)
-    entries = SceneProvenance.of(run.result.provenance).script_entries
-    for entry in (item.entry for item in entries if item.awaited):
-        times = [event["time_s"] for event in events if event["entry"] == entry]
+    events = run.result.run.done
+    for entry in (item.entry for item in run.result.run.script_entries if item.awaited):
+        times = [event.time_s for event in events if event.entry == entry]
         if times:
             yield Metric(f"script_{entry}_first", f"script: first {entry}", "s", times[0], instant=STEP)
         number, words = float(len(times)), f"script: times of {entry}"
@@ -546,19 +544,19 @@ def balances(run: Observables) -> Iterator[Metric]:
 
 def launch_speeds(run: Observables) -> Iterator[Metric]:
     """Speeds that a body's launch gives, before and after its recoil."""
-    events = run.result.provenance.get("ejection") or []
-    for event in events[:1]:
-        names = {"added": "launch speed before recoil", "relative": "launch speed after recoil"}
-        for name, words in names.items():
-            value, remark = event[f"launch_speed_{name}_m_s"], f"relative to {event['body']}"
-            yield Metric(f"launch_speed_{name}", words, "m/s", value, remark=remark)
+    for event in run.result.run.ejections[:1]:
+        for name, words, value in (
+            ("added", "launch speed before recoil", event.launch_speed_added_m_s),
+            ("relative", "launch speed after recoil", event.launch_speed_relative_m_s),
+        ):
+            yield Metric(f"launch_speed_{name}", words, "m/s", value, remark=f"relative to {event.body}")
 
 
 def _energies(run: Observables) -> tuple[float, float | None, float | None]:
     """Changes of elastic and potential energy, and the work of an ejection [J]; None: the scene has none."""
     elastic, potential = run.result.elastic, run.result.potential
     changed = float(potential[-1] - potential[0]) if np.any(potential) else None
-    return float(elastic[-1] - elastic[0]), changed, work_of_ejection(run.result.provenance)
+    return float(elastic[-1] - elastic[0]), changed, work_of_ejection(run.result.run)
 
 
 def _gained(run: Observables, key: str, part: str, name: str) -> Iterator[Metric]:

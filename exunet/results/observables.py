@@ -17,7 +17,7 @@ from exunet.forces.corner_units import SPENT, WORK
 from exunet.forces.from_outside import effects_of
 from exunet.net.areas import achievable_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
-from exunet.results.capture import Measures, capture_of, centres_of, rule_of
+from exunet.results.capture import Measures, capture_of, centres_of
 from exunet.results.clearance import (
     MOST_PAIRS,
     Nearest,
@@ -28,7 +28,7 @@ from exunet.results.clearance import (
     pairs_of,
     shapes_of,
 )
-from exunet.results.loads import PACKED, Attachment, Margin, Peak, attachment_loads, margins, peaks_of
+from exunet.results.loads import PACKED, Attachment, Margin, attachment_loads, margins, peaks_of
 from exunet.results.measures import (
     Part,
     bullet_speeds,
@@ -40,6 +40,7 @@ from exunet.results.measures import (
     prescribed,
 )
 from exunet.results.result import Result, over_blocks
+from exunet.results.run_record import Peak, largest_of
 from exunet.scene.capture import Capture
 
 THREADS, NODES, BULLETS = TOUCHING = ("threads", "nodes", "bullets")  # what may touch a body
@@ -126,7 +127,7 @@ class Observables:
             for name, peak in self.peaks.items()
             if not group or name == group or name.startswith(f"{group} from ")
         )
-        return max(own, key=lambda peak: (peak.tension, -peak.time), default=None)
+        return largest_of(own)
 
     @cached_property
     def margins(self) -> dict[str, Margin]:
@@ -162,7 +163,7 @@ class Observables:
     @cached_property
     def criterion(self) -> Capture | None:
         """Criterion of a capture; None: the case has none."""
-        return rule_of(self.result)
+        return self.result.run.capture
 
     @cached_property
     def capture(self) -> Measures | None:
@@ -206,7 +207,7 @@ class Observables:
     @cached_property
     def mouth(self) -> Floats | None:
         """(t,) diameter of the mouth [m], where something closes it or a capture is judged; else None."""
-        if rule_of(self.result) is None and not any(name.startswith(LINE) for name in self.result.states):
+        if self.criterion is None and not any(name.startswith(LINE) for name in self.result.states):
             return None
         return over_blocks(partial(mouth_diameter, self.result.net), self.result.position)
 

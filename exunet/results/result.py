@@ -19,6 +19,7 @@ from exunet.base.errors import InputError, MissingExtra
 from exunet.bodies.shapes import WIDTH, unpacked
 from exunet.net.areas import mouth_area
 from exunet.net.arrays import Net
+from exunet.results.run_record import RunRecord
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -365,7 +366,7 @@ class Result(ShortRepr):
     angular_momentum : (n_times, 3) [kg m2/s], about the origin
     complete         : False if the run stopped before its end
     verdict          : "ok", or why it stopped
-    provenance       : case text, versions, method, counts, wall times (JSON-like)
+    run              : record of the run: case, plan, cost, largest tensions, events
     largest_elastic  : (n_times,) [J], largest over all steps since the stored time before, which counts too;
                        None: not a result of a run
     least_kinetic    : (n_times,) [J], the same for the least kinetic energy
@@ -389,7 +390,7 @@ class Result(ShortRepr):
     angular_momentum: Floats
     complete: bool
     verdict: str
-    provenance: dict[str, Any] = field(default_factory=dict)
+    run: RunRecord = field(default_factory=RunRecord)
     largest_elastic: Floats | None = None
     least_kinetic: Floats | None = None
     bodies: Mapping[str, BodyStates] = field(default_factory=dict)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -17,6 +17,7 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
+from exunet.base.run_events import ScriptEvent
 from exunet.base.times import next_multiple, reached
 from exunet.methods.method import METHODS
 from exunet.results.io import RESULT_FILE, head_of, load_result, write_rows
@@ -32,6 +33,7 @@ from exunet.results.run_folder import (
     take_place,
     waiting_place,
 )
+from exunet.results.run_record import CaseText, RunRecord
 from exunet.results.store import STORE_FILE, FileStore
 from exunet.scene.casefile import Case, case_of, files_of, parse_case
 from exunet.scene.scene import Scene
@@ -71,21 +73,21 @@ class Request:
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON-like values."""
         own = {name: value for name, value in vars(self).items() if name != "case"}
-        return provenance(self.case) | own
+        return asdict(case_text(self.case)) | own
 
     @classmethod
     def of_json(cls, stored: dict[str, Any]) -> Request:
         """Return the request of what `as_json` returned; raises CaseError if its files have changed since."""
         own = dict(stored)
-        path = Path(own.pop("folder", "")) / own.pop("case")
+        path = Path(own.pop("folder")) / own.pop("name")
         return cls(parse_case(own.pop("text"), path, own.pop("overrides")), **own)
 
 
-def provenance(case: Case) -> dict[str, Any]:
+def case_text(case: Case) -> CaseText:
     """Return what a result records of the case."""
-    found = {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
     files = case.scene.initial.restart or files_of(case.scene)
-    return found | ({"folder": str(case.path.parent.resolve())} if files else {})  # to resume with them
+    folder = str(case.path.parent.resolve()) if files else ""  # to resume with them
+    return CaseText(case.path.name, case.text, case.overrides, folder)
 
 
 def request_of(folder: Path) -> Request:
@@ -124,7 +126,8 @@ class Checkpoints:
     @property
     def _requested_by_script(self) -> int:
         """Number of checkpoints that the script of the case has requested."""
-        return sum(event.get("event") == "checkpoint" for event in self._simulation.monitor.events)
+        events = self._simulation.monitor.events
+        return sum(isinstance(event, ScriptEvent) and event.event == "checkpoint" for event in events)
 
     def __call__(self) -> None:
         """Make a checkpoint if one is due; with a method that cannot restart, store the rows."""
@@ -164,17 +167,15 @@ def run(case: str | Path | Case | Scene | Start, progress: Progress | None = Non
     InputError for what is no valid case.
     """
     if isinstance(case, Start):
-        return simulate(start_of(case), {}, progress)
+        return simulate(start_of(case), progress=progress)
     made = case_of(case, "run")
-    return simulate(prepare_case(made), provenance(made), progress)
+    return simulate(prepare_case(made), case_text(made), progress)
 
 
-def simulate(
-    start: Start, provenance: dict[str, Any] | None = None, progress: Progress | None = None
-) -> Result:
+def simulate(start: Start, case: CaseText | None = None, progress: Progress | None = None) -> Result:
     """Run from a prepared start, which a script may have changed (see `simulation.preparation.prepare`)."""
     validate_memory("time.output_step: the stored states", stored_bytes(start))
-    recorder = Recorder(start, provenance or {})
+    recorder = Recorder(start, case)
     simulation = Simulation(start, recorder=recorder)
     try:
         drive(simulation, recorder, progress)
@@ -288,10 +289,11 @@ def run_into_held(
     if not overwrite:
         refuse_taken(folder)
     put_unfinished_aside(folder)
-    head = head_of(start.net, constants_of_bodies(start.system), provenance(request.case))
+    record = RunRecord(case=case_text(request.case))
+    head = head_of(start.net, constants_of_bodies(start.system), record)
     store = FileStore.create(folder / STORE_FILE, columns_of(start.system), head, request.as_json())
     try:
-        recorder = Recorder(start, provenance(request.case), store)
+        recorder = Recorder(start, record.case, store)
         simulation = Simulation(start, recorder=recorder)
         files = Checkpoints(simulation, recorder, store, request.checkpoint_every)
     except BaseException:
@@ -320,7 +322,7 @@ def resume(folder: str | Path, progress: Progress | None = None, describe: Descr
             if store.columns != columns_of(start.system):
                 raise InputError(f"{folder}: damaged: the stored states are not those of its case")
             content = store.back_to_checkpoint()
-            recorder = Recorder(start, provenance(request.case), store)
+            recorder = Recorder(start, case_text(request.case), store)
             simulation = Simulation(start, recorder=recorder)
             if content is not None:
                 simulation.restore(Snapshot.of_bytes(content))

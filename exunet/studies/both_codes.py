@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 import reference_impl as reference
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
+from exunet.base.run_events import ElementBreak, ScriptEvent
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.bodies.rotations import rotation_matrix
@@ -86,7 +87,8 @@ class RunObserver:
     def changed(self, time: float, memory: str, change: Change) -> None:
         self.dissipated += change.energy_lost or 0.0
         self._memory = {**self._memory, **change.others, memory: change.memory}
-        self.breaks += [Break(event["element"], time) for event in change.events if "element" in event]
+        events = (event for event in change.events if isinstance(event, ElementBreak | ScriptEvent))
+        self.breaks += [Break(event.element, time) for event in events if event.element is not None]
 
 
 @dataclass(frozen=True, eq=False)

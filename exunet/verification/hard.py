@@ -23,6 +23,7 @@ from exunet.methods.method import METHODS, Backend, Kind
 from exunet.model.limits import largest_frequency, stable_step
 from exunet.results.measures import balance_error, momentum_books
 from exunet.results.result import Result
+from exunet.results.run_record import RunRecord
 from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
@@ -132,8 +133,9 @@ def _stands(result: Result, _start: Any) -> Iterator[Check]:
 
 
 def _every_step(result: Result, _start: Any) -> Iterator[Check]:
-    steps = result.provenance["steps"]
-    yield Check("states missing", float(abs(steps + 1 - len(result.time))), tol.HARD_NO_STATE_LOST)
+    yield Check(
+        "states missing", float(abs(result.run.cost.steps + 1 - len(result.time))), tol.HARD_NO_STATE_LOST
+    )
 
 
 def _times(result: Result, start: Any) -> Iterator[Check]:
@@ -359,7 +361,7 @@ def states_of(scene: Any, run: Any) -> Any:
     states.potential, states.dissipated = theirs.potential(system, x), run.dissipated
     states.momentum = theirs.momentum(system, v)
     states.angular_momentum = theirs.angular_momentum(system, x, v)
-    states.provenance = {}
+    states.run = RunRecord()
     return states
 
 

@@ -275,7 +275,7 @@ def test_an_ensemble_has_the_measures_of_the_run_before_the_horizon() -> None:
         assert theirs[key] == pytest.approx(ours[key], rel=1e-9)
     assert run.states["contact_box/threads_touching"].values[0] == 0.0
     assert np.max(run.states["contact_box/threads_force"].values) > 0.0
-    assert exunet.ensemble(case, 3).provenance["outcomes"] == {"undetermined": 3}  # the net still comes
+    assert exunet.ensemble(case, 3).run.outcomes == {"undetermined": 3}  # the net still comes
 
 
 # Shipped cases

@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 
 import exunet
 from exunet.base.errors import FigureError, InputError, MissingExtra
+from exunet.base.run_events import NetEjected
 from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.cli.animate import animate
 from exunet.cli.main import app
@@ -43,6 +44,7 @@ from exunet.results.metrics import Metric
 from exunet.results.observables import Observables, TimeSeries
 from exunet.results.penetration import contact_places
 from exunet.results.result import BodyStates, Result, TermStates
+from exunet.results.run_record import EnsembleRecord, Peak, RunRecord, UnitSettings
 
 CUBE = Shape((Solid("box", (1.0, 1.0, 1.0)),))
 
@@ -242,7 +244,12 @@ def test_each_source_of_work_has_a_curve(number: int) -> None:
     still, upright = np.zeros((7, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (7, 1))
     works = {f"hand{k}": np.linspace(0.0, k, 7) for k in range(1, number)}
     ejected = 3.5 * (np.arange(7) >= 2)
-    event = {"time_s": float(THROWN.time[2]), "energy_lost_J": -3.5}
+    numbers = dict.fromkeys((f"launch_speed_{name}_m_s" for name in ("added", "relative")), 0.0)
+    numbers |= {"net_kinetic_energy_gained_J": 0.0, "energy_lost_J": -3.5, "time_s": float(THROWN.time[2])}
+    vectors = {
+        f"net_{name}": [0.0] * 3 for name in ("momentum_gained_kg_m_s", "angular_momentum_gained_kg_m2_s")
+    }
+    event = NetEjected(nodes=0, body="hand1", **numbers, **vectors)
     of = replace(
         THROWN,
         kinetic=5.0 + sum(works.values()) + ejected,
@@ -250,7 +257,7 @@ def test_each_source_of_work_has_a_curve(number: int) -> None:
         dissipated=-sum(works.values()) - ejected,
         bodies={name: BodyStates(2.0, np.eye(3), still, still, upright, still) for name in works},
         states={f"{name}/work": TermStates("J", work[:, None]) for name, work in works.items()},
-        provenance={**THROWN.provenance, "ejection": [event]},
+        run=replace(THROWN.run, events=(event,)),
     )
     made = figure(of, "energies")
     shown = {name: line for name, line in curves(made).items() if name.startswith("work")}
@@ -273,7 +280,7 @@ def test_speeds_and_areas() -> None:
 def test_tensions_of_elements_are_the_largest_of_all_steps() -> None:
     """Those of all steps where they are known; elements without tension are apart."""
     peaks = np.arange(THROWN.net.n_elements, dtype=float)
-    of = replace(FULL, provenance=FULL.provenance | {"peak_tensions_N": peaks.tolist()})
+    of = replace(FULL, run=replace(FULL.run, peak_tensions_N=peaks.tolist()))
     axes, bar = figure(of, "tensions").axes
     slack, taut = (collection for collection in axes.collections if isinstance(collection, LineCollection))
     assert len(slack.get_segments()) == 1
@@ -284,8 +291,8 @@ def test_tensions_of_elements_are_the_largest_of_all_steps() -> None:
 
 
 def test_history_of_the_largest_tension_and_its_mark() -> None:
-    peak = {"tension_N": 7.0, "time_s": 0.37, "element": 4}
-    of = replace(FULL, provenance=FULL.provenance | {"largest_tension": peak})
+    peak = {"net": Peak(7.0, 0.37, 4)}
+    of = replace(FULL, run=replace(FULL.run, largest_tensions=peak))
     curve, mark = labelled_lines(figure(of, "largest_tension"))[:2]
     np.testing.assert_array_equal(curve.get_ydata(), FULL.tension.max(axis=1))
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (0.37, 7.0)
@@ -491,9 +498,9 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
     states |= {f"closing/{entry}": rising for entry in LINE}
     states |= {"control/spent": rising * np.ones(units), "control/work": rising}
     stored = {name: TermStates("1", values) for name, values in states.items()}
-    story = {"control": {"bullets": list(range(units))}}
+    record = RunRecord(units=UnitSettings("table", tuple(range(units)), 1.0))
     taut = np.full((7, 4), 1e-3)
-    return unfolding(square_net(), bodies=turning, states=stored, provenance=story, tension=taut)
+    return unfolding(square_net(), bodies=turning, states=stored, run=record, tension=taut)
 
 
 def bands_of(made: Figure) -> list[list[PolyCollection]]:
@@ -586,7 +593,7 @@ def test_many_curves_have_one_band() -> None:
 
 
 def test_momenta_are_along_the_direction_of_the_ensemble() -> None:
-    runs = replace(perturbed([], 1.0), provenance={"momenta_along": {"linear": [0.0, 0.6, 0.8]}})
+    runs = replace(perturbed([], 1.0), run=EnsembleRecord(momenta_along={"linear": [0.0, 0.6, 0.8]}))
     made = figure(shown(), "momentum", ensemble=runs)
     lines = [line.get_ydata() for line in made.axes[0].get_lines()[:2]]
     np.testing.assert_allclose(lines[0], 0.0, atol=1e-15)  # the box moves along x
@@ -636,8 +643,8 @@ def met() -> Result:
         f"contact_box/{name}": TermStates("1", np.array(values)[:, None]) for name, values in series.items()
     }
     whole = result(of, [0.0, 1.0], np.stack([of.reference_position] * 2))
-    story = whole.provenance | {"edge_radii": {"box": EDGE}}
-    return replace(whole, bodies={"box": box}, states=states, provenance=story)
+    record = RunRecord(edge_radii={"box": EDGE})
+    return replace(whole, bodies={"box": box}, states=states, run=record)
 
 
 def touching(scene: Result, row: int) -> np.ndarray:
@@ -648,7 +655,7 @@ def test_threads_that_touch_are_found() -> None:
     scene = met()
     assert touching(scene, 0).tolist() == [False, False, False]
     assert touching(scene, 1).tolist() == [True, False, False]
-    sharp = replace(scene, provenance={})
+    sharp = replace(scene, run=RunRecord())
     assert touching(sharp, 1).tolist() == [True, True, False]
     held = replace(scene.bodies["box"], nodes=np.array([0]))
     assert not touching(replace(scene, bodies={"box": held}), 1).any()
