@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from exunet.base.run_events import ElementBreak, ScriptEvent
 from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.forces import cable, law
+from exunet.forces.contact.status import ContactKey
 from exunet.net.arrays import Net
 from exunet.results.result import BodyStates, Result, TermStates
 from exunet.results.run_record import RunRecord
@@ -137,13 +138,15 @@ def around_a_box(title: str = "a net", body: str = "box") -> Result:
         of,
         tension=TENSION,
         bodies={body: states},
+        contacts={
+            ContactKey(body, "threads", "first"): TermStates("s", 0.6 * touching - (1.0 - touching)),
+            ContactKey(body, "threads", "deepest"): TermStates("m", 0.0 * touching),
+            ContactKey(body, "threads", "touching"): TermStates("1", 3.0 * touching),
+            ContactKey(body, "threads", "force"): TermStates("N", 1.5 * touching),
+            ContactKey(body, "threads", "resultant"): TermStates("N", turn[:, None] * RESULTANT * touching),
+            ContactKey(body, "threads", "torque"): TermStates("N m", [0.05, -0.02, 0.01] * touching),
+        },
         states={
-            f"contact_{body}/threads_first": TermStates("s", 0.6 * touching - (1.0 - touching)),
-            f"contact_{body}/threads_deepest": TermStates("m", 0.0 * touching),
-            f"contact_{body}/threads_touching": TermStates("1", 3.0 * touching),
-            f"contact_{body}/threads_force": TermStates("N", 1.5 * touching),
-            f"contact_{body}/threads_resultant": TermStates("N", turn[:, None] * RESULTANT * touching),
-            f"contact_{body}/threads_torque": TermStates("N m", [0.05, -0.02, 0.01] * touching),
             "closing/largest": TermStates("N", 2.5 * touching),
             "closing/largest_time": TermStates("s", 0.75 * touching),
             "closing/tension_start": TermStates("N", 2.0 * touching),

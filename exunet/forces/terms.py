@@ -18,7 +18,7 @@ from __future__ import annotations
 import builtins
 import dis
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from operator import attrgetter
@@ -183,13 +183,13 @@ def with_field(data: Any, path: str, value: Any) -> Any:
 class Series:
     """Numbers of a memory that results have over the stored times.
 
-    name  : "term/quantity", by which results know it
+    key   : "term/quantity", or the key of a contact, by which results know it
     units : "1" if it has none
     place : of the first among the values, from their end if negative
     size  : how many
     """
 
-    name: str
+    key: Hashable
     units: str
     place: int
     size: int = 1

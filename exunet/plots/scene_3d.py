@@ -28,7 +28,6 @@ from exunet.plots.style import BLACK, BLUE, RED, SMALL
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import attached_nodes, broken_at
 from exunet.results.measures import centre_of_mass
-from exunet.results.observables import CONTACT
 from exunet.results.penetration import contact_places
 from exunet.results.result import Result
 
@@ -321,7 +320,7 @@ def entries(scene: Scene3D, thread: str | None = BLUE) -> list[Any]:
         found.append(Line2D([], [], color=BLACK, linewidth=1.6, label="closing line"))
     if len(net.bullet_nodes):
         found.append(_dot(BLACK, "bullets"))
-    if any(name.startswith(CONTACT) for name in result.states):
+    if result.contacts:
         found.append(_dot(RED, "contact of a thread"))
     for grey in (TARGET, OTHER):
         names = [body.name for body in scene.bodies if body.surface is not None and body.grey == grey]

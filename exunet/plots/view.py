@@ -32,7 +32,6 @@ from exunet.results.capture import capture_of
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import Peak, broken_at
 from exunet.results.observables import (
-    CONTACT,
     LINE,
     Observables,
     TimeSeries,
@@ -343,7 +342,6 @@ def _series(run: Observables, measured: bool) -> tuple[list[tuple[dict[str, Any]
     series = []
     for item, chosen in found:
         group, label = known.get(item.name, (_group(item), ""))
-        body, _, quantity = item.name.removeprefix(CONTACT).rpartition("/")
         order = (k for k, end in enumerate(_SHOWN) if item.name.endswith(end))
         about = {
             "name": item.name,
@@ -352,9 +350,7 @@ def _series(run: Observables, measured: bool) -> tuple[list[tuple[dict[str, Any]
             "group": group,
             "unit": item.unit,
             "shown": next(order, _HIDDEN) if np.any(item.values) else _HIDDEN,
-            "contact": body
-            if item.name.startswith(CONTACT) and quantity.endswith(("force", "touching"))
-            else "",
+            "contact": "" if item.contact is None else item.contact.body,
         }
         own = time if chosen is rows else result.time[few]
         series.append((about, np.asarray(item.values)[chosen].astype("<f4"), own))
@@ -378,7 +374,7 @@ def _group(item: TimeSeries) -> str:
         return item.words.rpartition(",")[0]
     if item.name.startswith("distance"):
         return "distance"
-    if item.name.startswith(CONTACT):
-        body = item.name.removeprefix(CONTACT).rpartition("/")[0]
+    if item.contact is not None:
+        body = item.contact.body
         return f"contact force on {body}, stored states" if item.unit else f"number in contact with {body}"
     return item.words

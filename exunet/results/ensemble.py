@@ -247,8 +247,9 @@ def ensemble_of(
         quantiles[name] = _quantiles([member.series[name].values for member in members], lengths)
     for kind, columns in KINDS.items() if along else ():
         for part in members[0].momenta:
-            name, unit = momentum_name(kind, part), "kg m/s" if kind == "linear" else "kg m2/s"
-            words = f"change of the {name.partition('/')[0].replace('_', ' ')} of {part} along a direction"
+            name = momentum_name(kind, part)
+            what, unit = ("momentum", "kg m/s") if kind == "linear" else ("angular momentum", "kg m2/s")
+            words = f"change of the {what} of {part} along a direction"
             series[name] = TimeSeries(name, words, unit, np.zeros(0))
             changes = [member.momenta[part][:, columns] @ along[kind] for member in members]
             quantiles[name] = _quantiles(changes, lengths)

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import io
 import itertools
+import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
@@ -24,6 +25,7 @@ from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError, UnsoundStates
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.base.interrupt import postponed
+from exunet.forces.contact.status import ContactKey
 from exunet.net.arrays import Net, TetherNodes
 from exunet.results.result import (
     CONSTANTS,
@@ -234,6 +236,8 @@ def write_rows(
                     dataset[start:stop] = values
                 sink.refuse()
             _describe(dataset, column.units, column.description)
+            if column.key is not None:
+                put_text(dataset, "key", json.dumps(astuple(column.key)))
 
 
 def head_of(net: Net, bodies: Mapping[str, BodyConstants], run: RunRecord) -> bytes:
@@ -258,11 +262,11 @@ class _ResultRows:
         for name, properties in bodies.items():
             for quantity in body_quantities(properties):
                 arrays[body_path(name, quantity)] = getattr(result.bodies[name], quantity)
-        of_terms = [
-            state_column(name, states.values.shape[1], states.units)
-            for name, states in sorted(result.states.items())
-        ]
-        arrays |= {STATES + name: states.values for name, states in result.states.items()}
+        of_terms = {
+            state_column(key, states.values.shape[1], states.units): states.values
+            for key, states in (*result.states.items(), *result.contacts.items())
+        }
+        arrays |= {column.path: values for column, values in of_terms.items()}
         self._arrays = {path: values for path, values in arrays.items() if values is not None}
         declared = (*declare(result.net.n_nodes, result.net.n_elements, bodies), *of_terms)
         self.columns = tuple(column for column in declared if column.path in self._arrays)
@@ -485,6 +489,7 @@ def result_of_rows(
         values = _stored(source, column, where)
         found[column.path] = np.asarray(values) if at_once or column.path == "time" else values
     validate_times(found["time"], where)
+    series = {column: TermStates(column.units, found[column.path]) for column in of_terms}
     return Result(
         net=net,
         **{name: found[path] for name, path in PATHS.items() if path in found},
@@ -492,7 +497,8 @@ def result_of_rows(
         verdict=verdict,
         run=run,
         bodies={name: _body(found, name, body) for name, body in bodies.items()},
-        states={c.path[len(STATES) :]: TermStates(c.units, found[c.path]) for c in of_terms},
+        states={c.path[len(STATES) :]: series[c] for c in of_terms if c.key is None},
+        contacts={c.key: series[c] for c in of_terms if c.key is not None},
     )
 
 
@@ -573,7 +579,9 @@ def _of_terms(file: h5py.File) -> Iterator[Column]:
     """Yield the columns of the states of forces."""
     for term, group in sorted(file["states"].items() if "states" in file else ()):
         for quantity, dataset in sorted(group.items()):
-            yield state_column(f"{term}/{quantity}", dataset.shape[1], _text(dataset.attrs["units"]))
+            key = dataset.attrs.get("key")
+            name = f"{term}/{quantity}" if key is None else ContactKey(*json.loads(_text(key)))
+            yield state_column(name, dataset.shape[1], _text(dataset.attrs["units"]))
 
 
 def _constants(group: h5py.Group) -> BodyConstants:

@@ -16,7 +16,7 @@ import numpy as np
 from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
 from exunet.bodies.rotations import product, rotation_vector
-from exunet.forces.contact.status import OF_BODY
+from exunet.forces.contact.status import ContactKey
 from exunet.forces.from_outside import OUTSIDE
 from exunet.net.arrays import NET, TETHER
 from exunet.results.capture import Measures
@@ -30,7 +30,7 @@ from exunet.results.measures import (
     work_of_ejection,
 )
 from exunet.results.measures import NET as NET_PART
-from exunet.results.observables import CONTACT, DISSIPATED, LINE, SELF, Observables, earliest, touching_pairs
+from exunet.results.observables import DISSIPATED, LINE, SELF, Observables, earliest, touching_pairs
 from exunet.results.outcome import Outcome, outcome
 from exunet.results.result import Result
 from exunet.results.run_record import ALL_STEPS, Peak
@@ -213,9 +213,9 @@ def dissipated_energy(run: Observables) -> Iterator[Metric]:
 
 def margins(run: Observables) -> Iterator[Metric]:
     """Least margin of the threads, the strings and each tether."""
+    tethers = {TETHER + name: f"tether_{name}_margin" for name in run.result.net.tether_elements}
     for group, margin in run.margins.items():
-        tether = group.startswith(TETHER)
-        name = f"tether_{group.removeprefix(TETHER)}_margin" if tether else f"margin_of_{group}"
+        name = tethers.get(group, f"margin_of_{group}")
         of = "" if margin.of == ALL_STEPS else ", at stored times, between which it may be less"
         yield Metric(
             name, f"margin of {group}", "", margin.margin, margin.time, f"element {margin.element}",
@@ -410,9 +410,9 @@ def _of_pair(run: Observables, pair: Pair, quantity: str) -> list[Floats]:
     """(t,) of each way of two bodies, as far as it is stored; empty where they never touched."""
     series = []
     for presses, touched in (pair, pair[::-1]):
-        begin = f"{CONTACT}{touched}/{OF_BODY}{presses}_"
-        if f"{begin}first" in run.result.states and run.state(f"{begin}first").max() >= 0.0:
-            series.append(run.state(begin + quantity)[:, 0])
+        first = ContactKey(touched, presses, "first", of_bodies=True)
+        if first in run.result.contacts and run.contact(first).max() >= 0.0:
+            series.append(run.contact(replace(first, quantity=quantity)))
     return series
 
 

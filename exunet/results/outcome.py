@@ -13,10 +13,11 @@ import numpy as np
 
 from exunet.base.arrays import Bools, Floats
 from exunet.bodies.distance import reach_of, times_round
+from exunet.forces.contact.status import NODES, THREADS
 from exunet.net.areas import mouth_diameter
 from exunet.results.capture import Measures, pieces_at
 from exunet.results.clearance import shapes_of
-from exunet.results.observables import EDGE, LINE, NODES, THREADS, Observables, touched_bodies
+from exunet.results.observables import EDGE, LINE, Observables, touched_bodies
 from exunet.results.penetration import Touch, net_contact, threads_inside
 from exunet.scene.capture import CONDITIONS, Capture
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from exunet.base.arguments import ShortRepr
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, MissingExtra
 from exunet.bodies.shapes import WIDTH, unpacked
+from exunet.forces.contact.status import ContactKey
 from exunet.net.areas import mouth_area
 from exunet.net.arrays import Net
 from exunet.results.run_record import RunRecord
@@ -33,12 +34,14 @@ class Column:
     row         : shape of its values for one state, such as (n_nodes, 3); () for a single number
     units       : of its values, "1" if they have none
     description : in a few words
+    key         : of a series of a contact
     """
 
     path: str
     row: tuple[int, ...]
     units: str
     description: str
+    key: ContactKey | None = None
 
     @property
     def row_bytes(self) -> int:
@@ -188,25 +191,22 @@ KEPT = {  # by their quantities
     "load": "largest tension so far over the strength",
 }
 _OF_CONTACT = {
-    "touching": "how many {}s touch the body",
-    "force": "sum of the forces between {}s and the body, across its surface",
-    "resultant": "resultant of the forces of {}s on the body, in the scene's axes",
-    "torque": "torque of the forces of {}s about the body's centre of mass, in its axes",
-    "stored": "energy stored between {}s and the body",
-    "first": "when a {} first touched the body; -1 until then",
-    "deepest": "largest depth of a {} in the body so far, surface in surface",
-}
-KEPT |= {
-    f"{what}s_{name}": words.format(what)
-    for what in ("thread", "node", "bullet")
-    for name, words in _OF_CONTACT.items()
+    "touching": "number of contacts of {} with the body",
+    "force": "sum of the forces between {} and the body, across its surface",
+    "resultant": "resultant of the forces of {} on the body, in the scene's axes",
+    "torque": "torque of the forces of {} about the body's centre of mass, in its axes",
+    "stored": "energy stored between {} and the body",
+    "first": "time of the first contact of {} with the body; -1 until then",
+    "deepest": "largest penetration of {} in the body so far, surface in surface",
 }
 
 
-def state_column(name: str, size: int, units: str) -> Column:
-    """The column of first-order states of a term; name: "term/quantity"."""
-    words = KEPT.get(name.rpartition("/")[2], "first-order states of a force")
-    return Column(STATES + name, (size,), units, words)
+def state_column(key: Hashable, size: int, units: str) -> Column:
+    """Return the column of a series of a contact, or of states of a term by "term/quantity"."""
+    path = f"{STATES}{key}"
+    if isinstance(key, ContactKey):
+        return Column(path, (size,), units, _OF_CONTACT[key.quantity].format(key.other), key)
+    return Column(path, (size,), units, KEPT.get(path.rpartition("/")[2], "first-order states of a force"))
 
 
 def body_path(name: str, quantity: str) -> str:
@@ -373,6 +373,7 @@ class Result(ShortRepr):
     bodies           : the bodies beside the net, by name
     states           : first-order states of forces, and what is stored of what they remember, by
                        "term/quantity"
+    contacts         : series of contacts, by body, what touches it, and quantity
     ensemble_file      : of a result that was read: perturbed runs, beside its file; None: no such file
     """
 
@@ -395,6 +396,7 @@ class Result(ShortRepr):
     least_kinetic: Floats | None = None
     bodies: Mapping[str, BodyStates] = field(default_factory=dict)
     states: Mapping[str, TermStates] = field(default_factory=dict)
+    contacts: Mapping[ContactKey, TermStates] = field(default_factory=dict)
     ensemble_file: Path | None = None
 
     def to_frame(self) -> DataFrame:
@@ -430,7 +432,8 @@ class Result(ShortRepr):
             chosen = slice(start, stop)
             bodies = {name: _cut(body, chosen) for name, body in self.bodies.items()}
             states = {name: _cut(one, chosen) for name, one in self.states.items()}
-            yield replace(_cut(self, chosen), bodies=bodies, states=states)
+            contacts = {key: _cut(one, chosen) for key, one in self.contacts.items()}
+            yield replace(_cut(self, chosen), bodies=bodies, states=states, contacts=contacts)
 
 
 _ENERGIES = ("kinetic", "elastic", "potential", "dissipated")

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
 from exunet.base.files import replacing
+from exunet.forces.contact.status import NODES, THREADS
 from exunet.net.arrays import Net
 from exunet.results.comparison import Agreement, ComparedBreaks
 from exunet.results.ensemble import Ensemble
@@ -27,7 +28,7 @@ from exunet.results.measures import (
     moving_mass,
 )
 from exunet.results.metrics import Metric, metrics_of
-from exunet.results.observables import NODES, THREADS, Observables, touched_bodies
+from exunet.results.observables import Observables, touched_bodies
 from exunet.results.outcome import summary_of_capture
 from exunet.results.penetration import overlaps, threads_inside
 from exunet.results.result import BodyStates, Result

@@ -81,7 +81,7 @@ def columns_of(system: System, *, every_step: bool = True) -> tuple[Column, ...]
     declared = declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system))
     optional = {PATHS[name] for name in OPTIONAL}
     states = (state_column(state.name, len(state.initial), state.units) for state in system.blocks.states)
-    series = (state_column(one.name, one.size, one.units) for _, one in series_of(system))
+    series = (state_column(one.key, one.size, one.units) for _, one in series_of(system))
     return (
         *(column for column in declared if every_step or column.path not in optional),
         *states,
@@ -225,7 +225,7 @@ class Recorder:
             at += len(state.initial)
         seen, at = self.series.at(states.time), 0
         for _, series in series_of(self._start.system):
-            rows[STATES + series.name] = seen[:, at : at + series.size]
+            rows[f"{STATES}{series.key}"] = seen[:, at : at + series.size]
             at += series.size
         return rows
 

@@ -19,6 +19,7 @@ import numpy as np
 import reference_impl as reference
 from exunet.base.cases import CASES
 from exunet.base.errors import CaseError, Interrupted, RunStopped
+from exunet.forces.contact.status import THREADS, ContactKey
 from exunet.methods.method import METHODS, Backend, Kind
 from exunet.model.limits import largest_frequency, stable_step
 from exunet.results.measures import balance_error, momentum_books
@@ -189,7 +190,7 @@ def _wound_up(result: Result, _start: Any) -> Iterator[Check]:
 
 
 def _from_the_start(result: Result, start: Any) -> Iterator[Check]:
-    first = float(result.states["contact_ball/threads_first"].values[-1][0])
+    first = float(result.contacts[ContactKey("ball", THREADS, "first")].values[-1][0])
     yield Check("first contact", first / float(start.plan.step), tol.HARD_AT_ONCE)
     settings = ("engine.backend=compiled", "bodies.ball.position=[0.0, 0.0, 0.1]")
     try:

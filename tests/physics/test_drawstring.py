@@ -16,6 +16,7 @@ from scipy.special import ellipeinc
 import exunet
 from exunet.base.errors import CaseError
 from exunet.base.run_events import ClosingEvent, ScriptEvent
+from exunet.forces.contact.status import ContactKey
 from exunet.net.arrays import Net, TetherNodes, edge_of
 from exunet.net.closing import (
     ClosingLine,
@@ -455,7 +456,7 @@ def test_a_script_closes_locks_and_tows() -> None:
     events = [item.entry for item in result.run.events_of(ScriptEvent)]
     assert events == ["throw", "touch", "close", "lock", "tow", "hold"]
     _, touched, *_ = result.run.events_of(ScriptEvent)
-    first = float(result.states["contact_box/threads_first"].values[-1, 0])
+    first = float(result.contacts[ContactKey("box", "threads", "first")].values[-1, 0])
     assert touched.crossed_s == pytest.approx(first, abs=1e-6)
     seen = Observables(result)
     found = outcome_of(seen)

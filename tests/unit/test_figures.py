@@ -27,6 +27,7 @@ from exunet.base.run_events import NetEjected
 from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.cli.animate import animate
 from exunet.cli.main import app
+from exunet.forces.contact.status import ContactKey
 from exunet.net.arrays import TetherNodes
 from exunet.plots import animation
 from exunet.plots.animation import save_animation, stored_times
@@ -483,7 +484,7 @@ def test_figures_of_an_ensemble(name: str) -> None:
 
 # Bands of perturbed runs
 
-CONTACTS = ("contact_box/threads", "contact_box/bullets")
+CONTACTS = ("threads", "bullets")
 LINE = ("tension_start", "tension_end", "way", "wound_up")
 
 
@@ -494,13 +495,15 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
     spins = np.tile([0.1, 0.2, 0.3], (7, 1))
     turning = {item: replace(body((0, 0, 3), (0, 0, 0)), angular_velocity=spins) for item in names}
     turning["box"] = replace(turning["box"], nodes=np.array([0]), velocity=1e-3 * rising * [1.0, 0.0, 0.0])
-    states = {f"{contact}_{what}": rising for contact in contacts for what in ("touching", "force")}
-    states |= {f"closing/{entry}": rising for entry in LINE}
+    keys = [ContactKey("box", other, what) for other in contacts for what in ("touching", "force")]
+    touches = {key: TermStates("1", rising) for key in keys}
+    states = {f"closing/{entry}": rising for entry in LINE}
     states |= {"control/spent": rising * np.ones(units), "control/work": rising}
     stored = {name: TermStates("1", values) for name, values in states.items()}
     record = RunRecord(units=UnitSettings("table", tuple(range(units)), 1.0))
     taut = np.full((7, 4), 1e-3)
-    return unfolding(square_net(), bodies=turning, states=stored, run=record, tension=taut)
+    parts = {"bodies": turning, "states": stored, "contacts": touches}
+    return unfolding(square_net(), run=record, tension=taut, **parts)
 
 
 def bands_of(made: Figure) -> list[list[PolyCollection]]:
@@ -634,17 +637,18 @@ def met() -> Result:
     upright, still = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), np.zeros((2, 3))
     box = BodyStates(1.0, np.eye(3), far, still, upright, still, **packed(shape, np.zeros(3)))
     series = {
-        "threads_touching": [0.0, 1.0],
-        "threads_first": [-1.0, 0.7],
-        "bullets_touching": [0.0, 2.0],
-        "bullets_first": [-1.0, 0.8],
+        ("threads", "touching"): [0.0, 1.0],
+        ("threads", "first"): [-1.0, 0.7],
+        ("bullets", "touching"): [0.0, 2.0],
+        ("bullets", "first"): [-1.0, 0.8],
     }
-    states = {
-        f"contact_box/{name}": TermStates("1", np.array(values)[:, None]) for name, values in series.items()
+    contacts = {
+        ContactKey("box", *name): TermStates("1", np.array(values)[:, None])
+        for name, values in series.items()
     }
     whole = result(of, [0.0, 1.0], np.stack([of.reference_position] * 2))
     record = RunRecord(edge_radii={"box": EDGE})
-    return replace(whole, bodies={"box": box}, states=states, run=record)
+    return replace(whole, bodies={"box": box}, contacts=contacts, run=record)
 
 
 def touching(scene: Result, row: int) -> np.ndarray:

@@ -627,8 +627,8 @@ def judge_capture(seed: int, folder: Path) -> Ended:
         return ended
     touched = any(
         states.values[-1, 0] >= 0.0
-        for name, states in result.states.items()
-        if name.startswith(f"contact_{TARGET}/") and name.endswith("_first")
+        for key, states in result.contacts.items()
+        if (key.body, key.quantity) == (TARGET, "first")
     )
     ended = ended._replace(touched=touched, rubbed=touched and "friction" in tables["effects.contact"])
     summed = tables["engine"]["backend"] == "exudyn" and result.run.plan.method == "VelocityVerlet"
