@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
     from exunet.coupling.rollback import Ledger as Ledger
+    from exunet.forces.contact.status import ContactKey as ContactKey
     from exunet.forces.corner_units import FormationControl as FormationControl
     from exunet.forces.corner_units import GivenControl as GivenControl
     from exunet.forces.corner_units import Noise as Noise
@@ -230,6 +231,7 @@ API = {
     },
     "Results": {
         "Result": "exunet.results.result",
+        "ContactKey": "exunet.forces.contact.status",
         "BodyStates": "exunet.results.result",
         "load_result": "exunet.results.io",
         "save": "exunet.results.io",

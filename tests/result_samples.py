@@ -93,8 +93,6 @@ def result(of: Net, time: Any, position: Any, velocity: Any = None, **changes: A
         dissipated=np.zeros(len(time)),
         momentum=np.einsum("n,tnk->tk", of.mass, velocity),
         angular_momentum=np.einsum("n,tnk->tk", of.mass, np.cross(position, velocity)),
-        complete=True,
-        verdict="ok",
     )
     return replace(whole, **changes)
 
@@ -127,13 +125,9 @@ def around_a_box(title: str = "a net", body: str = "box") -> Result:
     place, still = of.position[:, 4] + np.array([0.0, 0.0, 0.1]), np.zeros((7, 3))
     states = BodyStates(2.0, np.eye(3), place, still, attitude, still, **packed(shape, np.zeros(3)))
     touching = (turn > 0.5).astype(float)[:, None]
-    events = (
-        ScriptEvent(time_s=0.5, entry="meets", event="note", cause="t", done=True),
-        ElementBreak(element=5, time_s=0.8),
-    )
-    record = RunRecord(
-        title=title, events=events, can_break=True, closing_path=[0, 2, 8, 6, 0], edge_radii={body: 0.05}
-    )
+    note = ScriptEvent(time_s=0.5, entry="meets", event="note", cause="t", done=True)
+    events, path = (note, ElementBreak(element=5, time_s=0.8)), [0, 2, 8, 6, 0]
+    record = RunRecord(title=title, events=events, can_break=True, closing_path=path, edge_radii={body: 0.05})
     return replace(
         of,
         tension=TENSION,

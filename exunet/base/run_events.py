@@ -103,5 +103,6 @@ def tagged(event: RunEvent) -> dict[str, Any]:
 
 def untagged(stored: dict[str, Any]) -> RunEvent:
     """Return the event of what `tagged` gave; raises KeyError, TypeError or ValueError for anything else."""
-    (kind,) = (kind for kind in RunEvent.__subclasses__() if kind.__name__ == stored["class"])
-    return kind(**{name: value for name, value in stored.items() if name != "class"})
+    kinds: dict[str, type[RunEvent]] = {"RunEvent": RunEvent}
+    kinds |= {kind.__name__: kind for kind in RunEvent.__subclasses__()}
+    return kinds[stored["class"]](**{name: value for name, value in stored.items() if name != "class"})

@@ -146,9 +146,7 @@ class Ensemble(ShortRepr):
     quantiles : (q, t) by name of the quantity, such as "area" [m2] or "contact_target/threads_force" [N], of
                 the runs that have not ended; SI units
     series    : what each of these quantities is, by name, without values
-    complete  : False if the ensemble was stopped before its last run
-    verdict   : "ok", or why it stopped
-    run       : record of the start and of the perturbations
+    run       : record of the start and of the perturbations, with the verdict
     """
 
     metrics: Mapping[str, Floats]
@@ -157,9 +155,17 @@ class Ensemble(ShortRepr):
     levels: Floats
     quantiles: Mapping[str, Floats]
     series: Mapping[str, TimeSeries]
-    complete: bool = True
-    verdict: str = "ok"
     run: EnsembleRecord = field(default_factory=EnsembleRecord)
+
+    @property
+    def complete(self) -> bool:
+        """False if the ensemble was stopped before its last run."""
+        return self.run.complete
+
+    @property
+    def verdict(self) -> str:
+        """Return "ok", or why the ensemble stopped."""
+        return self.run.verdict
 
     @property
     def runs(self) -> int:
@@ -222,8 +228,6 @@ class Ensemble(ShortRepr):
 def ensemble_of(
     members: Sequence[Member],
     *,
-    complete: bool = True,
-    verdict: str = "ok",
     run: EnsembleRecord | None = None,
     along: Mapping[str, Floats] | None = None,
 ) -> Ensemble:
@@ -266,8 +270,6 @@ def ensemble_of(
         levels=np.array(LEVELS),
         quantiles=quantiles,
         series=series,
-        complete=complete,
-        verdict=verdict,
         run=record,
     )
 
@@ -335,8 +337,6 @@ def save_ensemble(result: Ensemble, path: str | Path, *, overwrite: bool = False
     with new_file(path) as (file, _):
         put_text(file, "kind", ENSEMBLE_KIND)
         file.attrs["format"] = FORMAT
-        file.attrs["complete"] = bool(result.complete)
-        put_text(file, "verdict", result.verdict)
         put_text(file, "run", result.run.to_json())
         for key, values in result.metrics.items():
             put(file, f"metrics/{key}", values, result.about[key].unit or "1", result.about[key].words)
@@ -393,8 +393,6 @@ def _read(file: h5py.File, path: Path) -> Ensemble:
         levels=file["levels"][...],
         quantiles=quantiles,
         series=series,
-        complete=bool(file.attrs["complete"]),
-        verdict=_text(file, "verdict"),
         run=EnsembleRecord.from_json(_text(file, "run")),
     )
 

@@ -206,7 +206,7 @@ def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
         for name, body in result.bodies.items()
     }
     source = _ResultRows(result, bodies, _where(path))
-    write_rows(source, path, result.net, bodies, result.run, result.verdict, result.complete)
+    write_rows(source, path, result.net, bodies, result.run)
 
 
 def write_rows(
@@ -215,14 +215,12 @@ def write_rows(
     net: Net,
     bodies: Mapping[str, BodyConstants],
     run: RunRecord,
-    verdict: str,
-    complete: bool,
 ) -> None:
     """Write the rows of `source` to a result file, about a megabyte at a time; see `save`."""
     where = _where(path)
     validate_times(source.read("time", 0, len(source)), where)
     with new_file(path) as (file, sink):
-        _put_head(file, where, net, bodies, run, verdict, complete)
+        _put_head(file, where, net, bodies, run)
         for column in sorted(source.columns, key=lambda column: column.path):
             count, size = len(source), len(source) * column.row_bytes
             rows = max(1, min(count, CHUNK_BYTES // max(1, column.row_bytes)))
@@ -246,7 +244,7 @@ def head_of(net: Net, bodies: Mapping[str, BodyConstants], run: RunRecord) -> by
 
     stream = io.BytesIO()
     with h5py.File(stream, "w", libver=HDF5_VERSIONS) as file:
-        _put_head(file, "the run", net, bodies, run, "", complete=False)
+        _put_head(file, "the run", net, bodies, run)
     return stream.getvalue()
 
 
@@ -283,13 +281,7 @@ class _ResultRows:
 
 
 def _put_head(
-    file: h5py.File,
-    where: str,
-    net: Net,
-    bodies: Mapping[str, BodyConstants],
-    run: RunRecord,
-    verdict: str,
-    complete: bool,
+    file: h5py.File, where: str, net: Net, bodies: Mapping[str, BodyConstants], run: RunRecord
 ) -> None:
     """Write all but the rows."""
     try:
@@ -298,8 +290,6 @@ def _put_head(
         raise InputError(f"{where}: the record cannot be written as JSON: {error}") from error
     put_text(file, "kind", FILE_KIND)
     file.attrs["format"] = FILE_FORMAT
-    file.attrs["complete"] = bool(complete)
-    put_text(file, "verdict", verdict)
     put_text(file, "run", record)
     for name, values in _net_arrays(net, where).items():
         put(file, f"{NET_GROUP}/{name}", values, _NET[name].units, _NET[name].description)
@@ -450,15 +440,13 @@ def open_unfinished(folder: str | Path) -> Result:
             net, bodies, run = _head(file, str(path))
     end = float(store.read("time", len(store) - 1, len(store))[0])
     verdict = f"unfinished: {len(store)} states until t = {end:.6g} s were stored"
-    return result_of_rows(store, net, bodies, False, verdict, run, str(path))
+    return result_of_rows(store, net, bodies, replace(run, verdict=verdict), str(path))
 
 
 def result_of_rows(
     source: RowSource,
     net: Net,
     bodies: Mapping[str, BodyConstants],
-    complete: bool,
-    verdict: str,
     run: RunRecord,
     where: str,
 ) -> Result:
@@ -493,8 +481,6 @@ def result_of_rows(
     return Result(
         net=net,
         **{name: found[path] for name, path in PATHS.items() if path in found},
-        complete=complete,
-        verdict=verdict,
         run=run,
         bodies={name: _body(found, name, body) for name, body in bodies.items()},
         states={c.path[len(STATES) :]: series[c] for c in of_terms if c.key is None},
@@ -571,8 +557,7 @@ def _head(file: h5py.File, where: str) -> tuple[Net, dict[str, BodyConstants], R
 def _read(file: h5py.File, path: str | Path) -> Result:
     net, bodies, run = _head(file, str(path))
     source = _FileRows(file, path, (*declare(net.n_nodes, net.n_elements, bodies), *_of_terms(file)))
-    complete, verdict = bool(file.attrs["complete"]), _text(file.attrs["verdict"])
-    return result_of_rows(source, net, bodies, complete, verdict, run, str(path))
+    return result_of_rows(source, net, bodies, run, str(path))
 
 
 def _of_terms(file: h5py.File) -> Iterator[Column]:

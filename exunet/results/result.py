@@ -364,9 +364,7 @@ class Result(ShortRepr):
                        the work that they, drums, an ejection, and bodies whose motion is given have put in
     momentum         : (n_times, 3) [kg m/s]
     angular_momentum : (n_times, 3) [kg m2/s], about the origin
-    complete         : False if the run stopped before its end
-    verdict          : "ok", or why it stopped
-    run              : record of the run: case, plan, cost, largest tensions, events
+    run              : record of the run: verdict, case, plan, cost, largest tensions, events
     largest_elastic  : (n_times,) [J], largest over all steps since the stored time before, which counts too;
                        None: not a result of a run
     least_kinetic    : (n_times,) [J], the same for the least kinetic energy
@@ -389,8 +387,6 @@ class Result(ShortRepr):
     dissipated: Floats
     momentum: Floats
     angular_momentum: Floats
-    complete: bool
-    verdict: str
     run: RunRecord = field(default_factory=RunRecord)
     largest_elastic: Floats | None = None
     least_kinetic: Floats | None = None
@@ -398,6 +394,16 @@ class Result(ShortRepr):
     states: Mapping[str, TermStates] = field(default_factory=dict)
     contacts: Mapping[ContactKey, TermStates] = field(default_factory=dict)
     ensemble_file: Path | None = None
+
+    @property
+    def complete(self) -> bool:
+        """False if the run stopped before its end."""
+        return self.run.complete
+
+    @property
+    def verdict(self) -> str:
+        """Return "ok", or why the run stopped."""
+        return self.run.verdict
 
     def to_frame(self) -> DataFrame:
         """Quantities over time as a pandas table: one row for each stored time, units in brackets.

@@ -147,6 +147,7 @@ _Event = TypeVar("_Event", bound=RunEvent)
 class RunRecord:
     """Record of a run.
 
+    verdict  : "ok", or why the run stopped
     case     : text of the case
     plan     : plan of the integration, after the last retry; None: not a run of exunet
     end      : end time of the case [s]
@@ -167,6 +168,7 @@ class RunRecord:
     """
 
     title: str = ""
+    verdict: str = "ok"
     case: CaseText = CaseText()
     versions: Mapping[str, str] = field(default_factory=dict)
     platform: str | None = None
@@ -203,6 +205,11 @@ class RunRecord:
     def from_json(cls, text: str | bytes) -> Self:
         """Return the record of what `to_json` gave; raises ValueError for anything else."""
         return _adapter(cls).validate_json(text)
+
+    @property
+    def complete(self) -> bool:
+        """True of a run that came to its end."""
+        return self.verdict == "ok"
 
     def events_of(self, kind: type[_Event]) -> list[_Event]:
         """Return the events of a class, in order."""

@@ -272,11 +272,12 @@ class Recorder:
         """Restore plan and retries of a record."""
         self.record = replace(self.record, plan=record.plan, retries=record.retries)
 
-    def finish(self, monitor: Monitor) -> RunRecord:
-        """Append the states that wait and return the record for the result."""
+    def finish(self, verdict: str, monitor: Monitor) -> RunRecord:
+        """Append the states that wait and return the record for the result; verdict: "ok", or the error."""
         self.flush()
         self.record = replace(
             self.record,
+            verdict=verdict,
             largest_tensions=monitor.peaks.of_groups(),
             peak_tensions_N=self.element_peaks.largest.tolist() if self.every_step else None,
             energy_scale_J=monitor.energy_scale,
@@ -286,9 +287,8 @@ class Recorder:
 
     def result(self, verdict: str, monitor: Monitor) -> Result:
         """Return the result so far; complete if the verdict is "ok"."""
-        record = self.finish(monitor)
-        bodies = constants_of_bodies(self._start.system)
-        return result_of_rows(self.rows, self._start.net, bodies, verdict == "ok", verdict, record, "the run")
+        bodies, record = constants_of_bodies(self._start.system), self.finish(verdict, monitor)
+        return result_of_rows(self.rows, self._start.net, bodies, record, "the run")
 
 
 _LAST = ("elastic", "kinetic")

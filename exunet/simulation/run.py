@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -20,7 +20,7 @@ from exunet.base.interrupt import postponed
 from exunet.base.run_events import ScriptEvent
 from exunet.base.times import next_multiple, reached
 from exunet.methods.method import METHODS
-from exunet.results.io import RESULT_FILE, head_of, load_result, write_rows
+from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, head_of, load_result, write_rows
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     has_result,
@@ -342,30 +342,34 @@ def _into(
     describe: Describe | None,
 ) -> Result:
     """Take a run to its end, write its result and describe it."""
-    verdict, failure = "ok", None
+    failure = None
     with _stored(files.store, folder):
         try:
             drive(simulation, recorder, progress, files)
         except RunStopped as stop:
-            verdict, failure = str(stop), stop
+            failure = stop
         _complete(simulation, recorder, failure)
-        found = recorder.finish(simulation.monitor)
+        record = recorder.finish("ok" if failure is None else str(failure), simulation.monitor)
         net, bodies = simulation.start.net, constants_of_bodies(simulation.start.system)
         place = waiting_place(folder) if has_result(folder) else folder
         with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost
-            write_rows(files.store, place / RESULT_FILE, net, bodies, found, verdict, verdict == "ok")
+            write_rows(files.store, place / RESULT_FILE, net, bodies, record)
+            result = load_result(place / RESULT_FILE)
     error: BaseException | None = failure
     try:
-        _describe(place, describe, alone=place == folder)
+        if place == folder:
+            remove_descriptions(place)
+        if describe is not None:
+            describe(result, place)
     except BaseException as cause:  # noqa: BLE001 - it must not cost the result, and is raised below
         error = cause
-    if place != folder and error is None:
-        take_place(folder)
-        place = folder
-    elif place != folder:
-        place = put_waiting_aside(folder)
+    if place != folder:
+        del result  # which closes its file, before that is moved
+        place = take_place(folder) if error is None else put_waiting_aside(folder)
+        result = load_result(place / RESULT_FILE)
+    elif (beside := place / ENSEMBLE_FILE).is_file():
+        result = replace(result, ensemble_file=beside)
     files.store.discard()
-    result = load_result(place / RESULT_FILE)
     if error is not None:
         raise _located(error, result, folder, place)
     return result
@@ -392,15 +396,6 @@ def _stored(store: FileStore, folder: Path) -> Iterator[None]:
         if isinstance(error, KeyboardInterrupt):
             raise Interrupted(f"interrupted; {remedy}") from None
         raise
-
-
-def _describe(place: Path, describe: Describe | None, *, alone: bool) -> None:
-    if alone:
-        remove_descriptions(place)
-    if describe is not None:
-        with postponed():  # as above
-            result = load_result(place / RESULT_FILE)
-        describe(result, place)
 
 
 def _located(error: BaseException, result: Result, folder: Path, place: Path) -> BaseException:

@@ -333,8 +333,9 @@ def ensemble(
     def made(verdict: str) -> Ensemble | None:
         if not members:
             return None
-        timed = replace(record, seconds=clock.perf_counter() - began)
-        return ensemble_of(members, complete=verdict == "ok", verdict=verdict, run=timed)
+        return ensemble_of(
+            members, run=replace(record, seconds=clock.perf_counter() - began, verdict=verdict)
+        )
 
     try:
         while (done := len(members)) < runs:

@@ -563,13 +563,11 @@ def test_contact_at_the_start_is_in_the_first_row(backend: str, tmp_path: Path) 
     """F = k p = 2 N and k p^2 / 2 = 0.01 J; a restart begins with the contact of the state."""
     changes = (*PRESSED, BACKENDS[backend])
     first = stored(tmp_path, case_in(tmp_path, NODE_AND_BALL, *changes))
-    keys = [
-        ContactKey("target", "nodes", name) for name in ("touching", "force", "stored", "first", "deepest")
-    ]
+    names = ("touching", "force", "stored", "first", "deepest", "resultant")
+    *keys, resultant = (ContactKey("target", "nodes", name) for name in names)
     found = np.array([first.contacts[key].values[:, 0] for key in keys])
     assert found[:, 0] == pytest.approx([1.0, 2.0, 0.01, 0.0, 0.01], rel=1e-12)
-    resultant = first.contacts[ContactKey("target", "nodes", "resultant")].values[0]
-    assert resultant == pytest.approx([0.0, 0.0, -2.0], rel=1e-12)
+    assert first.contacts[resultant].values[0] == pytest.approx([0.0, 0.0, -2.0], rel=1e-12)
     metrics = summarise(first)["metrics"]
     assert metrics["contact_target_first_s"]["value"] == 0.0
     assert metrics["contact_target_largest_force_N"]["value"] == pytest.approx(2.0, rel=1e-12)

@@ -101,9 +101,9 @@ def test_a_member_has_the_states_and_metrics_of_the_run(tables: dict[str, Any]) 
     (member,) = run_members(start, start.position[None], lambda result: result)
     for name in ("time", "position", "velocity", "tension", "kinetic", "potential", "dissipated", "momentum"):
         assert np.array_equal(getattr(member, name), getattr(run, name)), name
-    for of_run, of_member in ((run.states, member.states), (run.contacts, member.contacts)):
-        for key, state in of_run.items():
-            assert np.array_equal(of_member[key].values, state.values), key
+    of_member = {**member.states, **member.contacts}
+    for key, state in (*run.states.items(), *run.contacts.items()):
+        assert np.array_equal(of_member[key].values, state.values), key
     assert exunet.metrics(member) == exunet.metrics(run)
     assert len(exunet.metrics(run)) >= (8 if tables is BREAKING else 45)
 
@@ -244,12 +244,12 @@ def scaled(size: float) -> Result:
         np.tile([1.0, 0.0, 0.0, 0.0], (5, 1)),
         rising * [1.0, -1.0, 0.0],
     )
-    names = ("touching", "force", "deepest", "first")
-    contacts = {ContactKey("box", "threads", name): TermStates("1", rising) for name in names}
+    keys = (ContactKey("box", "threads", name) for name in ("touching", "force", "deepest", "first"))
     states = {f"closing/{name}": 2.0 * rising for name in ("tension_start", "tension_end", "way")}
     states |= {"closing/wound_up": 3.0 * rising, "closing/work": rising}
     states |= {"control/spent": np.hstack([rising * time[:, None], 5.0 * rising]), "control/work": rising}
     stored = {name: TermStates("1", values) for name, values in states.items()}
+    contacts = dict.fromkeys(keys, TermStates("1", rising))
     of = unfolding(square_net(), times=5, bodies={"box": box}, states=stored, contacts=contacts)
     still_net = np.zeros_like(np.asarray(of.position)) + of.net.reference_position
     return replace(of, time=time, position=still_net, velocity=0.0 * still_net)

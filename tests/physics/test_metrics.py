@@ -124,7 +124,7 @@ def test_four_measures():
 
 
 def test_incomplete_result_and_single_time_have_measures():
-    stopped = replace(scaled(square_net(), [0.5]), complete=False, verdict="stopped")
+    stopped = replace(scaled(square_net(), [0.5]), run=RunRecord(verdict="stopped"))
     found = measures.deployment(stopped)
     assert found is not None
     assert (found.largest_area, found.time_open, found.distance, found.at_end) == (0.25, 0.0, 0.0, True)

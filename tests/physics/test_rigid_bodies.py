@@ -419,9 +419,7 @@ def test_the_tow_pays_out_and_winds_up() -> None:
     np.testing.assert_allclose(pull[braking], 6.0 - 40.0 * rate[braking], rtol=2e-3)
     np.testing.assert_allclose(pull[winding], 40.0 - 40.0 * rate[winding], rtol=2e-3)  # below 0.4 m/s
     assert rate[winding].max() < 0.4
-    nodes = [
-        event.event.split(" ", 2)[2] for event in found.run.events_of(ReelEvent) if event.node is not None
-    ]
+    nodes = [e.event.split(" ", 2)[2] for e in found.run.events_of(ReelEvent) if e.node is not None]
     assert nodes == ["comes off the drum", "goes onto the drum", "goes onto the drum"]
     assert found.tension[found.time > 20.0].max() == 0.0
     apart = np.linalg.norm(found.bodies["chaser"].position - found.bodies["target"].position, axis=1)

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Container, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +144,7 @@ CASES = {
     "one node": (result(net([(0, 0, 0)], [], bullets=(0,)), [0, 1], np.zeros((2, 1, 3))), {"snapshots"}),
     "far away": (replace(THROWN, position=THROWN.position + AWAY), NET | MOVING),
     "blown up": (
-        replace(THROWN, position=BLOWN * THROWN.position, complete=False, verdict="?"),
+        replace(THROWN, position=BLOWN * THROWN.position, run=RunRecord(verdict="?")),
         NET | MOVING,
     ),
 }
@@ -245,12 +245,8 @@ def test_each_source_of_work_has_a_curve(number: int) -> None:
     still, upright = np.zeros((7, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (7, 1))
     works = {f"hand{k}": np.linspace(0.0, k, 7) for k in range(1, number)}
     ejected = 3.5 * (np.arange(7) >= 2)
-    numbers = dict.fromkeys((f"launch_speed_{name}_m_s" for name in ("added", "relative")), 0.0)
-    numbers |= {"net_kinetic_energy_gained_J": 0.0, "energy_lost_J": -3.5, "time_s": float(THROWN.time[2])}
-    vectors = {
-        f"net_{name}": [0.0] * 3 for name in ("momentum_gained_kg_m_s", "angular_momentum_gained_kg_m2_s")
-    }
-    event = NetEjected(nodes=0, body="hand1", **numbers, **vectors)
+    zeros = {item.name: [0.0] * 3 if "momentum" in item.name else 0.0 for item in fields(NetEjected)}
+    event = NetEjected(**zeros | {"time_s": float(THROWN.time[2]), "energy_lost_J": -3.5, "body": "hand1"})
     of = replace(
         THROWN,
         kinetic=5.0 + sum(works.values()) + ejected,
@@ -495,15 +491,15 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
     spins = np.tile([0.1, 0.2, 0.3], (7, 1))
     turning = {item: replace(body((0, 0, 3), (0, 0, 0)), angular_velocity=spins) for item in names}
     turning["box"] = replace(turning["box"], nodes=np.array([0]), velocity=1e-3 * rising * [1.0, 0.0, 0.0])
-    keys = [ContactKey("box", other, what) for other in contacts for what in ("touching", "force")]
-    touches = {key: TermStates("1", rising) for key in keys}
+    keys = (ContactKey("box", other, what) for other in contacts for what in ("touching", "force"))
     states = {f"closing/{entry}": rising for entry in LINE}
     states |= {"control/spent": rising * np.ones(units), "control/work": rising}
     stored = {name: TermStates("1", values) for name, values in states.items()}
     record = RunRecord(units=UnitSettings("table", tuple(range(units)), 1.0))
     taut = np.full((7, 4), 1e-3)
-    parts = {"bodies": turning, "states": stored, "contacts": touches}
-    return unfolding(square_net(), run=record, tension=taut, **parts)
+    touches = dict.fromkeys(keys, TermStates("1", rising))
+    parts = {"states": stored, "contacts": touches, "run": record, "tension": taut}
+    return unfolding(square_net(), bodies=turning, **parts)
 
 
 def bands_of(made: Figure) -> list[list[PolyCollection]]:
@@ -642,10 +638,8 @@ def met() -> Result:
         ("bullets", "touching"): [0.0, 2.0],
         ("bullets", "first"): [-1.0, 0.8],
     }
-    contacts = {
-        ContactKey("box", *name): TermStates("1", np.array(values)[:, None])
-        for name, values in series.items()
-    }
+    stored = (TermStates("1", np.array(values)[:, None]) for values in series.values())
+    contacts = {ContactKey("box", *name): values for name, values in zip(series, stored, strict=True)}
     whole = result(of, [0.0, 1.0], np.stack([of.reference_position] * 2))
     record = RunRecord(edge_radii={"box": EDGE})
     return replace(whole, bodies={"box": box}, contacts=contacts, run=record)

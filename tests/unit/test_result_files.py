@@ -61,7 +61,7 @@ SAMPLES = {
     "square": unfolding(square_net(cells=5, strings=True), times=90),  # large enough to be compressed
     "no openings, no bullets": result(net([(0, 0, 0), (1, 0, 0)], [(0, 1)]), [0], [[(0, 0, 0), (1, 0, 0)]]),
     "no elements": result(net([(0, 0, 0)], [], bullets=(0,)), [0, 1], [[(0, 0, 0)], [(0, 0, 1e-300)]]),
-    "incomplete": unfolding(square_net(), complete=False, verdict="element 3 (nodes 1–2) ran away: λ = 9"),
+    "incomplete": unfolding(square_net(), run=RunRecord(verdict="element 3 (nodes 1–2) ran away: λ = 9")),
     "energies between": unfolding(square_net(), largest_elastic=np.arange(7.0), least_kinetic=np.zeros(7)),
     "bodies": unfolding(square_net(), bodies=BODIES),
     "awkward numbers": unfolding(square_net(), potential=np.array([-0.0, 5e-324, 1.7e308, 1, 1, 1, 1])),
