@@ -226,9 +226,14 @@ class RunRecord:
         return self.events_of(NetEjected)
 
     @property
+    def script(self) -> list[ScriptEvent]:
+        """Events of the script."""
+        return self.events_of(ScriptEvent)
+
+    @property
     def done(self) -> list[ScriptEvent]:
         """Events in which an entry of the script did something."""
-        return [event for event in self.events_of(ScriptEvent) if event.done]
+        return [event for event in self.script if event.done]
 
     @property
     def stop(self) -> ScriptEvent | None:
@@ -288,11 +293,11 @@ def summary_of_script(run: RunRecord) -> dict[str, Any] | None:
     times: dict[str, list[float]] = {entry.entry: [] for entry in run.script_entries}
     for event in run.done:
         times[event.entry].append(event.time_s)
-    events, stop = run.events_of(ScriptEvent), run.stop
+    stop = run.stop
     return {
-        "events": [event.as_json() for event in events],
+        "events": [event.as_json() for event in run.script],
         "entries": [{**asdict(entry), "times_s": times[entry.entry]} for entry in run.script_entries],
-        "used_up": [_used_up(event.entry, times[event.entry]) for event in events if event.used_up],
+        "used_up": [_used_up(event.entry, times[event.entry]) for event in run.script if event.used_up],
         "never": [entry.entry for entry in run.script_entries if not times[entry.entry]],
         "stopped": None
         if stop is None

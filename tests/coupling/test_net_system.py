@@ -11,7 +11,6 @@ from scenes import CASES
 
 import exunet
 from exunet import CaseError, FrameState, InputError, NetSystem, Snapshot
-from exunet.base.run_events import ScriptEvent
 from exunet.bodies.port import quaternion_of, times
 from exunet.cli.check import describe
 from exunet.scene.casefile import Case, parse_case
@@ -239,7 +238,7 @@ def test_a_host_steps_a_script_and_units_as_a_run_does() -> None:
         net.step(float(whole.time[row]), frames(row))
     events = net.simulation.monitor.events
     assert [event.entry for event in events] == ["steer", "cut"]
-    for event, known in zip(events, whole.run.events_of(ScriptEvent), strict=True):
+    for event, known in zip(events, whole.run.script, strict=True):
         assert event.time_s == pytest.approx(known.time_s, abs=1e-9)
     state = net.simulation.state
     np.testing.assert_allclose(state.position, whole.position[-1], atol=1e-9)

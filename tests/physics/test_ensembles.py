@@ -17,7 +17,6 @@ from scenes import CASES, STRONG, of_text, thrown, values_of
 from scripts import FALL
 
 import exunet
-from exunet.forces.contact.status import ContactKey
 from exunet.integrators.compiled.vectorised_runs import side_by_side_kernel
 from exunet.kernels.compile import WIDTH
 from exunet.kernels.kernel import Kernel
@@ -244,7 +243,7 @@ def scaled(size: float) -> Result:
         np.tile([1.0, 0.0, 0.0, 0.0], (5, 1)),
         rising * [1.0, -1.0, 0.0],
     )
-    keys = (ContactKey("box", "threads", name) for name in ("touching", "force", "deepest", "first"))
+    keys = (exunet.ContactKey("box", "threads", name) for name in ("touching", "force", "deepest", "first"))
     states = {f"closing/{name}": 2.0 * rising for name in ("tension_start", "tension_end", "way")}
     states |= {"closing/wound_up": 3.0 * rising, "closing/work": rising}
     states |= {"control/spent": np.hstack([rising * time[:, None], 5.0 * rising]), "control/work": rising}

@@ -234,10 +234,11 @@ def units(times: int) -> Result:
         SPENT: TermStates("N s", values),
         WORK: TermStates("J", np.array([[0.0], [0.7], [0.9]])[:times]),
     }
-    about = UnitSettings("table", (1, 3), 0.1, 120.0)
     of = square_net()
     position = np.tile(of.reference_position, (times, 1, 1))
-    return result(of, time, position, states=states, run=RunRecord(units=about))
+    return result(
+        of, time, position, states=states, run=RunRecord(units=UnitSettings("table", (1, 3), 0.1, 120.0))
+    )
 
 
 def test_what_corner_units_have_spent() -> None:
@@ -275,14 +276,13 @@ def carrying() -> Result:
     ship = BodyStates(2.0, None, place, np.zeros((3, 3)), attitude, np.zeros((3, 3)))
     position = np.array([*np.asarray(one.position), one.net.reference_position])
     tension = np.array([[2.0, 0.0, 3.0, 1.0], [4.0, 0.0, 6.0, 1.0], [8.0, 0.0, 9.0, 1.0]])
-    carried = Carried("ship", 1.5, [1.0, 0.0, 0.0], [1, 2])
     return result(
         one.net,
         [0.0, 1.0, 2.0],
         position,
         tension=tension,
         bodies={"ship": ship},
-        run=RunRecord(carried=carried),
+        run=RunRecord(carried=Carried("ship", 1.5, [1.0, 0.0, 0.0], [1, 2])),
     )
 
 
@@ -375,8 +375,8 @@ def test_what_has_no_meaning_is_no_metric() -> None:
         assert key not in found
     assert found["largest_area_m2"] == pytest.approx(1.0)
     assert "time_of_largest_area_s" not in values_of(scaled(of, [1.0, 0.7, 0.4]))
-    pulled = RunRecord(largest_tensions={"net": Peak(4.0, 0.7, 3)})
-    even = replace(still, tension=np.full_like(still.tension, 4.0), run=pulled)
+    taut = np.full_like(still.tension, 4.0)
+    even = replace(still, tension=taut, run=RunRecord(largest_tensions={"net": Peak(4.0, 0.7, 3)}))
     assert "time_of_largest_tension_s" not in values_of(even)
     snapped = RunRecord(largest_tensions={"net": Peak(9.0, 0.7, 3)})  # between stored times
     assert values_of(replace(even, run=snapped))["time_of_largest_tension_s"] == 0.7

@@ -14,7 +14,6 @@ from scenes import BACKENDS, case_file, continue_alike, every_backend, of_text, 
 
 import exunet
 import reference_impl
-from exunet.base.run_events import ReelEvent
 from exunet.bodies import kinematics
 from exunet.bodies.port import Guide
 from exunet.bodies.rotations import rotation_matrix
@@ -359,7 +358,7 @@ def assert_balances(found: exunet.Result) -> None:
 def test_nodes_go_on_and_come_off(backend: str, method: str) -> None:
     damped = "effects.material_damping.relaxation_time=1e-4"
     found = exunet.run(case_of(BACKENDS[backend], method, damped, commands=ON_AND_OFF))
-    words = [e.event.split(" ", 2)[-1] for e in found.run.events_of(ReelEvent) if e.node is not None]
+    words = [e.event.split(" ", 2)[-1] for e in found.run.events if e.node is not None]
     assert words[:3] == ["goes onto the drum", "goes onto the drum", "comes off the drum"]
     assert_balances(found)
     assert found.states["line/work"].values[-1, 0] != 0.0
@@ -544,8 +543,8 @@ def test_the_outlet_of_a_turning_drum_is_observed_at_every_step(viscous: bool) -
         exunet.run(case_of(*settings, f"time.output_step={step}", commands=drive, density=140.0)).run
         for step in (2e-4, 0.4)
     )
-    assert len(some.events_of(ReelEvent)) > 1
-    known, found = ([event.time_s for event in run.events_of(ReelEvent)] for run in (every, some))
+    assert len(some.events) > 1
+    known, found = ([event.time_s for event in run.events] for run in (every, some))
     assert found == pytest.approx(known, rel=1e-12)
     known, found = (run.largest_tensions["tether line"] for run in (every, some))
     assert min(every.peak_tensions_N[2:4]) > 1.0  # outlets, one after the other

@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 
 import exunet
 from exunet.base.errors import RunStopped
-from exunet.base.run_events import ReelEvent
 from exunet.bodies.port import quaternion_of_matrix
 from exunet.bodies.rigid import RigidStates, kinetic
 from exunet.bodies.rotations import (
@@ -419,7 +418,7 @@ def test_the_tow_pays_out_and_winds_up() -> None:
     np.testing.assert_allclose(pull[braking], 6.0 - 40.0 * rate[braking], rtol=2e-3)
     np.testing.assert_allclose(pull[winding], 40.0 - 40.0 * rate[winding], rtol=2e-3)  # below 0.4 m/s
     assert rate[winding].max() < 0.4
-    nodes = [e.event.split(" ", 2)[2] for e in found.run.events_of(ReelEvent) if e.node is not None]
+    nodes = [e.event.split(" ", 2)[2] for e in found.run.events if e.node is not None]
     assert nodes == ["comes off the drum", "goes onto the drum", "goes onto the drum"]
     assert found.tension[found.time > 20.0].max() == 0.0
     apart = np.linalg.norm(found.bodies["chaser"].position - found.bodies["target"].position, axis=1)

@@ -11,7 +11,6 @@ from scenes import BACKENDS, case_in, continue_alike, every_backend, of_text, re
 from scripts import END, FREE, SCENE, TOWED, case_of, entry, happened
 
 import exunet
-from exunet.base.run_events import ScriptEvent
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.effects import bending
 from exunet.results.measures import momentum_books, net_centre
@@ -234,7 +233,7 @@ def test_the_end_of_a_taut_tether_leaves_a_body(backend: str, motion: str) -> No
     assert np.ptp(balance) < 2e-4 * result.kinetic.max()  # what snapping costs RK44, as without the script
     velocity = result.bodies["right"].velocity
     assert np.ptp(velocity[8:], axis=0).max() < 1e-12
-    (event,) = result.run.events_of(ScriptEvent)
+    (event,) = result.run.script
     assert (event.tie, event.node) == ("tethers.tow.end", 2)
 
 

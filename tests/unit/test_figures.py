@@ -27,7 +27,6 @@ from exunet.base.run_events import NetEjected
 from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.cli.animate import animate
 from exunet.cli.main import app
-from exunet.forces.contact.status import ContactKey
 from exunet.net.arrays import TetherNodes
 from exunet.plots import animation
 from exunet.plots.animation import save_animation, stored_times
@@ -288,8 +287,7 @@ def test_tensions_of_elements_are_the_largest_of_all_steps() -> None:
 
 
 def test_history_of_the_largest_tension_and_its_mark() -> None:
-    peak = {"net": Peak(7.0, 0.37, 4)}
-    of = replace(FULL, run=replace(FULL.run, largest_tensions=peak))
+    of = replace(FULL, run=replace(FULL.run, largest_tensions={"net": Peak(7.0, 0.37, 4)}))
     curve, mark = labelled_lines(figure(of, "largest_tension"))[:2]
     np.testing.assert_array_equal(curve.get_ydata(), FULL.tension.max(axis=1))
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (0.37, 7.0)
@@ -491,15 +489,14 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
     spins = np.tile([0.1, 0.2, 0.3], (7, 1))
     turning = {item: replace(body((0, 0, 3), (0, 0, 0)), angular_velocity=spins) for item in names}
     turning["box"] = replace(turning["box"], nodes=np.array([0]), velocity=1e-3 * rising * [1.0, 0.0, 0.0])
-    keys = (ContactKey("box", other, what) for other in contacts for what in ("touching", "force"))
+    keys = (exunet.ContactKey("box", other, what) for other in contacts for what in ("touching", "force"))
     states = {f"closing/{entry}": rising for entry in LINE}
     states |= {"control/spent": rising * np.ones(units), "control/work": rising}
     stored = {name: TermStates("1", values) for name, values in states.items()}
     record = RunRecord(units=UnitSettings("table", tuple(range(units)), 1.0))
     taut = np.full((7, 4), 1e-3)
     touches = dict.fromkeys(keys, TermStates("1", rising))
-    parts = {"states": stored, "contacts": touches, "run": record, "tension": taut}
-    return unfolding(square_net(), bodies=turning, **parts)
+    return unfolding(square_net(), bodies=turning, states=stored, contacts=touches, run=record, tension=taut)
 
 
 def bands_of(made: Figure) -> list[list[PolyCollection]]:
@@ -639,10 +636,9 @@ def met() -> Result:
         ("bullets", "first"): [-1.0, 0.8],
     }
     stored = (TermStates("1", np.array(values)[:, None]) for values in series.values())
-    contacts = {ContactKey("box", *name): values for name, values in zip(series, stored, strict=True)}
+    contacts = {exunet.ContactKey("box", *name): values for name, values in zip(series, stored, strict=True)}
     whole = result(of, [0.0, 1.0], np.stack([of.reference_position] * 2))
-    record = RunRecord(edge_radii={"box": EDGE})
-    return replace(whole, bodies={"box": box}, contacts=contacts, run=record)
+    return replace(whole, bodies={"box": box}, contacts=contacts, run=RunRecord(edge_radii={"box": EDGE}))
 
 
 def touching(scene: Result, row: int) -> np.ndarray:

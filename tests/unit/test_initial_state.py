@@ -16,7 +16,7 @@ from scripts import SCENE
 
 import exunet
 from exunet.base.errors import CaseError
-from exunet.base.run_events import ReelEvent, ScriptEvent
+from exunet.base.run_events import ReelEvent
 from exunet.forces.cable_term import INTACT
 from exunet.model.initial import beyond_shortest, initial_state
 from exunet.net import AnyNetConfig, weave
@@ -206,7 +206,7 @@ def test_an_element_that_was_cut_carries_nothing(tmp_path: Path) -> None:
     path = MISSIONS / "cut_tether.toml"
     form = ["engine.backend=compiled", "time.end=0.2", "time.output_step=0.05"]
     first = stored(tmp_path, exunet.load(path, form))
-    (cut,) = (item for item in first.run.events_of(ScriptEvent) if item.entry == "cut")
+    (cut,) = (item for item in first.run.script if item.entry == "cut")
     drop = ["initial.packing=", "initial.velocity=", "script=[]", *form]
     case = exunet.load(path, [*drop, f"initial.restart={str(tmp_path / 'first')!r}"])
     (tmp_path / "next").mkdir()

@@ -324,8 +324,8 @@ def test_forces_of_contact_are_arrows_to_the_scale_of_the_legend(browser: Page, 
 def test_marks_of_peaks_have_value_element_and_nearest_state(browser: Page, tmp_path: Path) -> None:
     """Between two stored states, as a run reports it."""
     of = scene()
-    peak = {"net": Peak(2.5, 0.6, 14)}
-    seen = shown(browser, tmp_path, replace(of, run=replace(of.run, largest_tensions=peak)))
+    run = replace(of.run, largest_tensions={"net": Peak(2.5, 0.6, 14)})
+    seen = shown(browser, tmp_path, replace(of, run=run))
     mark = "[...document.querySelectorAll('#marks button')].find(b => /tension of the net/.test(b.title))"
     seen.evaluate(f"{mark}.click()")
     assert seen.evaluate("viewer.now") == 0.6
@@ -340,8 +340,7 @@ def test_marks_of_peaks_have_value_element_and_nearest_state(browser: Page, tmp_
 @NEEDS_CHROMIUM
 def test_measures_of_a_capture_are_plots(browser: Page, tmp_path: Path) -> None:
     of = scene()
-    rule = Capture(target="box", enclosed=0.9, duration=0.1)
-    of = replace(of, run=replace(of.run, capture=rule))
+    of = replace(of, run=replace(of.run, capture=Capture(target="box", enclosed=0.9, duration=0.1)))
     seen = shown(browser, tmp_path, of)
     series = "viewer.runs[0].series.find(item => item.name === '{}')"
     known = Observables(of).capture
