@@ -32,7 +32,7 @@ from exunet.results.metrics import Metric, metrics_of, printed, without_values
 from exunet.results.observables import Observables, TimeSeries, momentum_name, time_series
 from exunet.results.outcome import outcome
 from exunet.results.result import Result, table
-from exunet.results.run_record import Ending, EnsembleRecord
+from exunet.results.run_record import Ending, EnsembleRecord, Recorded
 
 if TYPE_CHECKING:
     import h5py
@@ -135,7 +135,7 @@ def sensitivity(runs: int, move: float) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Ensemble(ShortRepr):
+class Ensemble(ShortRepr, Recorded):
     """Metrics of many runs of a case, and quantiles of their time series.
 
     metrics   : (runs,) by key, such as "largest_tension_N", of each run until its end; NaN where a run
@@ -156,16 +156,6 @@ class Ensemble(ShortRepr):
     quantiles: Mapping[str, Floats]
     series: Mapping[str, TimeSeries]
     run: EnsembleRecord = field(default_factory=EnsembleRecord)
-
-    @property
-    def complete(self) -> bool:
-        """False if the ensemble was stopped before its last run."""
-        return self.run.complete
-
-    @property
-    def verdict(self) -> str:
-        """Return "ok", or why the ensemble stopped."""
-        return self.run.verdict
 
     @property
     def runs(self) -> int:

@@ -20,7 +20,7 @@ from exunet.bodies.shapes import WIDTH, unpacked
 from exunet.forces.contact.status import ContactKey
 from exunet.net.areas import mouth_area
 from exunet.net.arrays import Net
-from exunet.results.run_record import RunRecord
+from exunet.results.run_record import Recorded, RunRecord
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -345,7 +345,7 @@ class TermStates(ShortRepr):
 
 
 @dataclass(frozen=True, repr=False)
-class Result(ShortRepr):
+class Result(ShortRepr, Recorded):
     """States and energies of a system over the stored times.
 
     Of a large file or store (see `exunet.results.io`) all arrays but `time` are
@@ -394,16 +394,6 @@ class Result(ShortRepr):
     states: Mapping[str, TermStates] = field(default_factory=dict)
     contacts: Mapping[ContactKey, TermStates] = field(default_factory=dict)
     ensemble_file: Path | None = None
-
-    @property
-    def complete(self) -> bool:
-        """False if the run stopped before its end."""
-        return self.run.complete
-
-    @property
-    def verdict(self) -> str:
-        """Return "ok", or why the run stopped."""
-        return self.run.verdict
 
     def to_frame(self) -> DataFrame:
         """Quantities over time as a pandas table: one row for each stored time, units in brackets.

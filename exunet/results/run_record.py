@@ -41,12 +41,12 @@ class Cost:
 
 @dataclass(frozen=True)
 class Retry:
-    """Continuation from an earlier state; step [s] or tolerance of the finer plan."""
+    """Continuation from an earlier state; tolerance or step of the finer plan."""
 
     stopped: str
-    from_time: float
-    step: float | None = None
+    from_time_s: float
     tolerance: float | None = None
+    step_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -206,11 +206,6 @@ class RunRecord:
         """Return the record of what `to_json` gave; raises ValueError for anything else."""
         return _adapter(cls).validate_json(text)
 
-    @property
-    def complete(self) -> bool:
-        """True of a run that came to its end."""
-        return self.verdict == "ok"
-
     def events_of(self, kind: type[_Event]) -> list[_Event]:
         """Return the events of a class, in order."""
         return [event for event in self.events if isinstance(event, kind)]
@@ -244,6 +239,22 @@ class RunRecord:
     def largest_tension(self) -> Peak | None:
         """Largest tension of all elements and steps, the first of equal ones."""
         return largest_of(self.largest_tensions.values())
+
+
+class Recorded:
+    """Result of a run or of an ensemble, with its record."""
+
+    run: RunRecord
+
+    @property
+    def verdict(self) -> str:
+        """Return "ok", or why the run or the ensemble stopped."""
+        return self.run.verdict
+
+    @property
+    def complete(self) -> bool:
+        """False if it stopped before its end."""
+        return self.verdict == "ok"
 
 
 def largest_of(peaks: Iterable[Peak]) -> Peak | None:

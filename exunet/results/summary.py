@@ -94,15 +94,7 @@ def summary_of(
         "control": _control(run),
         "method": _method(record),
         "cost": _cost(record),
-        "retries": [
-            {
-                "stopped": retry.stopped,
-                "from_time_s": retry.from_time,
-                "tolerance": retry.tolerance,
-                "step_s": retry.step,
-            }
-            for retry in record.retries
-        ],
+        "retries": [asdict(retry) for retry in record.retries],
         "notes": [] if record.plan is None else list(record.plan.notes),
         "check": _agreement(check) if isinstance(check, Agreement) else _refused(check),
         # What `exunet run` fills in, the latter three with finer runs and --estimate-error.
@@ -177,14 +169,14 @@ def _ensemble(ensemble: Ensemble | str | None) -> dict[str, Any] | None:
     """Which runs the ranges are of, or why it has no ranges; None if none were requested."""
     if not isinstance(ensemble, Ensemble):
         return _refused(ensemble)
-    record, plan = ensemble.run, ensemble.run.plan
+    record, plan = ensemble.run, _method(ensemble.run)
     return {
         "runs": ensemble.runs,
         "move_m": record.move_m,
         "seed": record.seed,
-        "method": None if plan is None else plan.method.value,
-        "tolerance": None if plan is None else plan.tolerance,
-        "step_s": None if plan is None else plan.step,
+        "method": plan["name"],
+        "tolerance": plan["tolerance"],
+        "step_s": plan["step_s"],
         "endings": [asdict(item) for item in record.endings],
     }
 

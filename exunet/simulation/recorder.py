@@ -264,7 +264,7 @@ class Recorder:
         setting = f"tolerance {plan.tolerance:.3g}" if plan.step is None else f"step {plan.step:.3g}"
         note = f"retried from t = {time:.6g} s with {setting}: {stopped.split(';')[0]}"
         before = self._start.plan if self.record.plan is None else self.record.plan
-        retry = Retry(stopped, time, plan.step, plan.tolerance)
+        retry = Retry(stopped, time, plan.tolerance, plan.step)
         plan = replace(plan, notes=(*before.notes, note))
         self.record = replace(self.record, plan=plan, retries=(*self.record.retries, retry))
 

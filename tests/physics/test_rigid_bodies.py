@@ -342,7 +342,7 @@ def test_a_retry_mends_it() -> None:
     """Half the step twice; the body's energy is then kept, on which nothing ever acts."""
     run = simulate(in_steps(LONG, "time.end=0.1"))
     assert run.complete
-    assert [item.step for item in run.run.retries] == [LONG / 2, LONG / 4]
+    assert [item.step_s for item in run.run.retries] == [LONG / 2, LONG / 4]
     spin = run.bodies["chaser"].angular_velocity
     energy = spin**2 @ [1e-6, 2e-6, 2.5e-6]
     assert np.abs(energy / energy[0] - 1.0).max() < ENERGY_BOUND

@@ -509,7 +509,7 @@ def test_a_failure_of_newtons_method_is_retried_with_half_the_step(monkeypatch):
     monkeypatch.setattr(stepper.Stepper, "advance", give_up)
     stop = thrown_until_it_stops({"method": "GeneralizedAlpha", "step": 1e-3, "retry": 1})
     assert "Newton did not converge" in str(stop)
-    assert [retry.step for retry in stop.result.run.retries] == [5e-4]
+    assert [retry.step_s for retry in stop.result.run.retries] == [5e-4]
 
 
 def forced(plan: Plan) -> bool:
@@ -609,7 +609,7 @@ def goes_on_as_a_run_from_there(run: exunet.Result, start: Start) -> None:
     It stops a retry from another state, at another time, or with the steps that were too long.
     """
     last = run.run.retries[-1]
-    kept = int(np.searchsorted(run.time, last.from_time + 1e-9)) - 1
+    kept = int(np.searchsorted(run.time, last.from_time_s + 1e-9)) - 1
     plan = start.plan
     for _ in run.run.retries:
         finer_plan = finer(plan)
@@ -635,14 +635,14 @@ def test_a_retry_mends_what_coarse_steps_spoil(backend):
     assert run.complete
     retries = run.run.retries
     assert 1 <= len(retries) <= 2
-    assert [r.step for r in retries] == [2.3e-4 / 2, 2.3e-4 / 4][: len(retries)]
+    assert [r.step_s for r in retries] == [2.3e-4 / 2, 2.3e-4 / 4][: len(retries)]
     goes_on_as_a_run_from_there(run, prepare(scene))
     assert np.all(np.diff(run.dissipated) >= 0.0)  # the ledger goes on from the state gone back to
     assert run.time.tolist() == pytest.approx(np.arange(301) * 0.005)
 
     first = stopped({**COARSE, "retry": 0}, end=1.5, engine=engine(backend), effects=DAMPED).result
     assert first is not None
-    back = retries[0].from_time
+    back = retries[0].from_time_s
     assert 0 < back < first.time[-1]
     kept = int(np.searchsorted(run.time, back, side="right"))
     assert np.array_equal(run.position[:kept], first.position[:kept])  # what was good stays, bit for bit
@@ -661,8 +661,8 @@ def test_the_same_case_retries_to_the_same_bits(backend):
     assert np.array_equal(run.position, again.position)
     assert np.array_equal(run.velocity, again.velocity)
     summary = summarise(run)
-    assert [item["from_time_s"] for item in summary["retries"]] == [item.from_time for item in retries]
-    assert summary["method"]["step_s"] == retries[-1].step
+    assert [item["from_time_s"] for item in summary["retries"]] == [item.from_time_s for item in retries]
+    assert summary["method"]["step_s"] == retries[-1].step_s
 
 
 def test_retries_are_bounded_and_can_be_turned_off():
@@ -671,7 +671,7 @@ def test_retries_are_bounded_and_can_be_turned_off():
     assert off.result is not None
     assert default.result is not None
     assert off.result.run.retries == ()
-    assert [r.step for r in default.result.run.retries] == [2e-3, 1e-3]
+    assert [r.step_s for r in default.result.run.retries] == [2e-3, 1e-3]
 
 
 def test_a_loose_tolerance_is_tightened():
@@ -679,7 +679,7 @@ def test_a_loose_tolerance_is_tightened():
     assert run.complete
     retries = run.run.retries
     assert [r.tolerance for r in retries] == pytest.approx([0.01, 0.001])
-    assert 0.0 < retries[0].from_time < retries[1].from_time
+    assert 0.0 < retries[0].from_time_s < retries[1].from_time_s
     assert run.run.plan.tolerance == retries[-1].tolerance
 
 
@@ -710,7 +710,7 @@ def test_restarts_change_nothing_but_round_off():
         patch.setattr(Monitor, "take", once)
         again = exunet.run(scene)
     assert len(plans) == len(calls) == 1
-    assert 0.2 <= again.run.retries[0].from_time < 0.5  # the last stored state that was seen
+    assert 0.2 <= again.run.retries[0].from_time_s < 0.5  # the last stored state that was seen
     assert np.abs(again.position - whole.position).max() < 1e-14
     assert np.abs(again.dissipated - whole.dissipated).max() < 1e-14
     assert again.run.cost.steps > whole.run.cost.steps  # those of both attempts are counted
@@ -742,7 +742,7 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(backend):
         patch.setattr(Monitor, "take", once)
         again = exunet.run(scene)
     assert calls == [[element.element for element in broken]]
-    assert again.run.retries[0].from_time < broken[0].time_s
+    assert again.run.retries[0].from_time_s < broken[0].time_s
     breaks = again.run.breaks
     assert [item.element for item in breaks] == calls[0]
     times = [item.time_s for item in broken]
