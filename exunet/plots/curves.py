@@ -179,7 +179,7 @@ def control(source: Source) -> Figure | None:
     styles = curve_styles(count) if count <= MAX_CURVES else [{"color": BLACK}] * count
     if count <= MAX_CURVES:
         for k, style in enumerate(styles):
-            label = f"bullet {k if units is None else units.bullets[k]}"
+            label = f"bullet {units.bullets[k]}" if units else f"unit {k}"
             curve(axes, middle, thrust[:, k], k / count, label=label, **style)
     else:
         many_curves(axes, middle, thrust, f"{count} units (dark to light)")
