@@ -1,10 +1,10 @@
-"""Writes docs/api.md from the docstrings of the public names: python docs/build_api.py"""
+"""Writes docs/reference/python from the docstrings of the public names: python docs/build_api.py"""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -13,44 +13,54 @@ import exunet
 from exunet.base.record import Record, tags
 from exunet.plots.registry import ENSEMBLE_FIGURES, FIGURES, STUDY_FIGURES
 
-PAGE = Path(__file__).parent / "api.md"
+FOLDER = Path(__file__).parent / "reference" / "python"
 HEAD = """# The public interface
 
-`import exunet` gives the names of this page and no others; `dir(exunet)` lists them. The modules below
+`import exunet` gives the names of these pages and no others; `dir(exunet)` lists them. The modules below
 `exunet` may change without notice. SI units throughout: shapes of arrays stand in parentheses, units in
-brackets. Examples are in [`examples/`](../examples), [the README](../README.md) and
-[simulation.md](simulation.md). This page is generated from the docstrings by `docs/build_api.py`.
+brackets. Examples are in `examples/` and in [simulation](../../how_to/simulation.md). These pages are
+generated from the docstrings by `docs/build_api.py`.
+
 """
 
 
-def page() -> str:
-    """Return the whole page."""
-    parts = [HEAD]
-    for group, names in exunet.API.items():
-        parts.append(f"## {group}\n")
-        records = [name for name in names if isinstance(getattr(exunet, name), type(Record))]
-        for name in names:
-            if name not in records or name == "Scene":
-                parts += entry(name, getattr(exunet, name))
-        if records:
-            parts.append(table_of_records(records))
-        if group == "Figures":
-            parts.append(table_of_figures())
+def pages() -> dict[str, str]:
+    """Return the text of each page, one a group of names, by its file name."""
+    written = {file_name(group): page(group, names) for group, names in exunet.API.items()}
+    lists = (f"- [{group}]({name})" for group, name in zip(exunet.API, written, strict=True))
+    contents = "\n".join(name.removesuffix(".md") for name in written)
+    written["index.md"] = f"{HEAD}{chr(10).join(lists)}\n\n```{{toctree}}\n:hidden:\n{contents}\n```\n"
+    return written
+
+
+def file_name(group: str) -> str:
+    return group.lower().replace(" ", "_") + ".md"
+
+
+def page(group: str, names: Iterable[str]) -> str:
+    """Return the page of a group."""
+    parts = [f"# {group}\n"]
+    records = [name for name in names if isinstance(getattr(exunet, name), type(Record)) and name != "Scene"]
+    for name in names:
+        if name not in records:
+            parts += entry(name, getattr(exunet, name))
+    if records:
+        parts += entries_of_records(records)
+    if group == "Figures":
+        parts.append(table_of_figures())
     return "\n".join(parts)
 
 
-def table_of_records(names: list[str]) -> str:
-    """The records of a scene with the names of their arguments, which are keys of docs/keys.md."""
-    rows = []
+def entries_of_records(names: list[str]) -> Iterator[str]:
+    """Yield the records of a scene with the names of their arguments, which are keys."""
+    yield (
+        "Records, one for each table of a case. Arguments are given by name; their types, units, bounds and "
+        "defaults are those of the [keys](../keys/index.md).\n"
+    )
     for name in names:
         record = getattr(exunet, name)
         keys = ", ".join(f"`{key}`" for key in record.model_fields if key not in tags(record))
-        rows.append(f"| `{name}` | {(inspect.getdoc(record) or '').partition(chr(10))[0]} | {keys} |\n")
-    return (
-        "Records, one for each table of a case. Arguments are given by name; their types, units, bounds and "
-        "defaults are those of the keys in [keys.md](keys.md).\n\n"
-        "| record | content | arguments |\n|---|---|---|\n" + "".join(rows)
-    )
+        yield f"## exunet.{name}\n\n{(inspect.getdoc(record) or '').partition(chr(10))[0]} {keys}\n"
 
 
 def table_of_figures() -> str:
@@ -64,7 +74,7 @@ def table_of_figures() -> str:
 
 def entry(name: str, thing: Any) -> Iterator[str]:
     """Yield heading, signature and docstring of a function or a class, and of its public members."""
-    yield f"### exunet.{name}\n"
+    yield f"## exunet.{name}\n"
     parts = [described(name, thing)]
     if inspect.isclass(thing):
         parts += [f"{base.__name__}: {inspect.getdoc(base)}" for base in inherited_records(thing)]
@@ -131,4 +141,5 @@ def signature(name: str, thing: Any) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    for name, text in pages().items():
+        (FOLDER / name).write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Writes docs/keys.md, the reference of the case format, from the records: python docs/build_keys.py"""
+"""Writes docs/reference/keys, the pages of the case format, from its records: python docs/build_keys.py"""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from exunet.scene.scene import Scene
 
-PAGE = Path(__file__).parent / "keys.md"
+FOLDER = Path(__file__).parent / "reference" / "keys"
 HEAD = """# Keys of a case
 
 A case is one TOML file in SI units (m, kg, s, Pa, N, rad). A key that is not listed here is an error, and so
@@ -18,17 +18,38 @@ are NaN and infinities. Physical quantities do not have defaults: what a case do
 scene. All errors of a file are reported at once, with their lines. `exunet schema --json` prints this format
 as a JSON Schema, for editors.
 
-Equations and conventions are in [theory.md](theory.md), [theory_bodies.md](theory_bodies.md) and
-[theory_contact.md](theory_contact.md), a first case is in [tutorial.md](tutorial.md). `NAME` stands for a
-name that the case chooses, of letters, digits, `_` and `-`; names must differ by more than capital letters.
+Equations and conventions are in [theory](../../explanation/theory.md),
+[bodies](../../explanation/theory_bodies.md) and [contact](../../explanation/theory_contact.md). `NAME` stands
+for a name that the case chooses, of letters, digits, `_` and `-`; names must differ by more than capital
+letters.
 
 `--set KEY=VALUE`, and overrides in Python, name a key by its path: `time.end`, `script[2].force`,
 `bodies.sat.size[0]`. An index counts from 0 the items of a list, or tables with names that the case chooses,
 in their order (`bodies.sat.parts[2].radius`). An empty value removes a key, a table or an item. A table as
 the value replaces the whole table; a warning lists the keys that it drops.
 
-This page is generated from the records of the program by `docs/build_keys.py`.
+These pages are generated from the records of the program by `docs/build_keys.py`.
 """
+TOP = "index"
+# Path of a table, or its first part -> name of its page; all others have the first part as name.
+PAGES = {
+    **dict.fromkeys(("time", "solver", "engine"), "run"),
+    "launch": "initial",
+    **dict.fromkeys(("effects.contact", "effects.contact.friction", "effects.self_contact"), "contact"),
+}
+TITLES = {
+    "run": "Time, solver and backend",
+    "net": "Net",
+    "initial": "Initial state and launch",
+    "bodies": "Bodies",
+    "tethers": "Tethers",
+    "closing": "Closing",
+    "control": "Corner units",
+    "capture": "Capture",
+    "script": "Script",
+    "effects": "Effects",
+    "contact": "Contact",
+}
 BOUNDS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
 TYPES = {"number": "float", "integer": "int", "boolean": "bool", "object": "table"}
 Schema = dict[str, Any]
@@ -48,6 +69,17 @@ class Table:
         left, right = ("[[", "]]") if self.array else ("[", "]")
         return ", ".join(f"`{left}{path}{right}`" for path in self.paths)
 
+    @property
+    def page(self) -> str:
+        """Name of the page that has the table."""
+        path = self.paths[0]
+        return PAGES.get(path) or PAGES.get(path.partition(".")[0]) or path.partition(".")[0]
+
+    @property
+    def keys(self) -> set[str]:
+        """Names of the keys of all alternatives."""
+        return {name for record in self.records for name in record["properties"]}
+
 
 class Keys:
     """The tables of the schema of a case, each once, in the order in which they are reached."""
@@ -59,12 +91,20 @@ class Keys:
         self._tables: dict[str, Table] = {}
         self._collect("", self._top)
 
-    def text(self) -> str:
-        """Return the whole page."""
-        lines = [HEAD, "## Top level\n", *self._rows(self._top["properties"], self._top)]
+    def pages(self) -> dict[str, str]:
+        """Return the text of each page by its file name."""
+        links = "\n".join(f"- [{title}]({name}.md)" for name, title in TITLES.items())
+        listed = f"## Tables\n\n{links}\n\n```{{toctree}}\n:hidden:\n" + "\n".join(TITLES) + "\n```\n"
+        pages = {TOP: [HEAD, "## Top level\n", *self._rows(self._top["properties"], self._top), listed]}
+        pages |= {name: [f"# {title}\n"] for name, title in TITLES.items()}
         for table in self._tables.values():
-            lines += self._section(table)
-        return "\n".join(lines).rstrip() + "\n"
+            pages[table.page] += self._section(table)
+        return {f"{name}.md": "\n".join(lines).rstrip() + "\n" for name, lines in pages.items()}
+
+    def tables(self) -> dict[str, Table]:
+        """Return the tables by each of their paths; the top level has an empty path."""
+        tables = {path: table for table in self._tables.values() for path in table.paths}
+        return tables | {"": Table([self._top], False)}
 
     def _collect(self, path: str, record: Schema) -> None:
         for name, key in record["properties"].items():
@@ -140,7 +180,7 @@ class Keys:
         if "const" in key:
             return literal(key["const"])
         if "enum" in key:
-            return " \\| ".join(map(literal, key["enum"]))
+            return ", ".join(map(literal, key["enum"]))
         parts = [*key.get("anyOf", ()), *key.get("oneOf", ())]
         if kinds := [self._value(part) for part in parts if part.get("type") not in ("null", None)]:
             return " or ".join(dict.fromkeys(kinds))
@@ -201,10 +241,11 @@ def number(value: float) -> str:
     return known.get(f"{value:g}", f"{value:g}")
 
 
-def page() -> str:
-    """Return the whole page."""
-    return Keys().text()
+def pages() -> dict[str, str]:
+    """Return the text of each page by its file name."""
+    return Keys().pages()
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    for name, text in pages().items():
+        (FOLDER / name).write_text(text, encoding="utf-8")

@@ -3,8 +3,8 @@
     import exunet
     result = exunet.run(exunet.load("cases/planar_deployment.toml"))
 
-docs/api.md describes all public names. They are imported when they are first used, so that `import exunet`
-itself costs next to nothing.
+docs/reference/python describes all public names. They are imported when they are first used, so that
+`import exunet` itself costs next to nothing.
 """
 
 from importlib import import_module
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.coupling.rollback import CoupledSnapshot as CoupledSnapshot
     from exunet.coupling.rollback import Ledger as Ledger
+    from exunet.forces.blocks import Blocks as Blocks
+    from exunet.forces.blocks import FirstOrder as FirstOrder
     from exunet.forces.contact.status import ContactKey as ContactKey
     from exunet.forces.corner_units import FormationControl as FormationControl
     from exunet.forces.corner_units import GivenControl as GivenControl
@@ -64,6 +66,8 @@ if TYPE_CHECKING:
     from exunet.forces.effects.solar_pressure import SolarPressure as SolarPressure
     from exunet.forces.effects.thermal_strain import ThermalStrain as ThermalStrain
     from exunet.forces.effects.thrust import Thrust as Thrust
+    from exunet.forces.terms import Input as Input
+    from exunet.forces.terms import KernelTerm as KernelTerm
     from exunet.methods.config import Solver as Solver
     from exunet.net.base import Bullets as Bullets
     from exunet.net.base import Cable as Cable
@@ -141,7 +145,7 @@ if TYPE_CHECKING:
     from exunet.studies.study import Study as Study
     from exunet.studies.study import StudyTable as StudyTable
 
-# Groups of public names, in the order of docs/api.md: name -> the module it lives in.
+# Groups of public names, in the order of docs/reference/python: name -> the module it lives in.
 API = {
     "Run a case": {
         "load": "exunet.scene.casefile",
@@ -215,16 +219,24 @@ API = {
         "Snapshot": "exunet.simulation.snapshot",
         "NetEnvironment": "exunet.studies.environment",
     },
+    "Add forces": {
+        "KernelTerm": "exunet.forces.terms",
+        "Input": "exunet.forces.terms",
+        "FirstOrder": "exunet.forces.blocks",
+        "Blocks": "exunet.forces.blocks",
+    },
     "Couple a net to a host": {
         "NetSystem": "exunet.coupling.net_system",
         "FrameState": "exunet.bodies.port",
         "PortLoad": "exunet.coupling.net_system",
         "Coupler": "exunet.coupling.coupler",
+        "Ledger": "exunet.coupling.rollback",
+        "CoupledSnapshot": "exunet.coupling.rollback",
+    },
+    "Hosts": {
         "Host": "exunet.coupling.host",
         "BodiesHost": "exunet.coupling.host",
         "ExudynHost": "exunet.coupling.exudyn_host",
-        "Ledger": "exunet.coupling.rollback",
-        "CoupledSnapshot": "exunet.coupling.rollback",
         "add_to": "exunet.coupling.exudyn_host",
         "NativeItems": "exunet.coupling.exudyn_host",
         "export_fmu": "exunet.coupling.fmu.export",

@@ -26,7 +26,7 @@ DONE, REFUSED, DIVERGED = 0, 2, 3
 def main(arguments: Sequence[str] | None = None) -> int:
     """Integrates a case by DOP853 and writes its states; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m reference_impl", description="Integrates a case.")
-    parser.add_argument("case", type=Path, help="case file (docs/keys.md)")
+    parser.add_argument("case", type=Path, help="case file (docs/reference/keys)")
     parser.add_argument("output", type=Path, help="archive of the states (.npz)")
     parser.add_argument(
         "--places",

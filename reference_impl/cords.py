@@ -1,6 +1,6 @@
 """Cords of fibres, by specific values in N/tex (1e6 N m/kg): mass, stiffness and strength go with the fibre.
 
-The numbers are those of the data sheets that the case format names (docs/theory.md, Cords).  A cord of area A
+The numbers are those of the data sheets that the case format names (theory.md, Cords).  A cord of area A
 has the fibre mass f rho A per length, of which a part k bears as the fibre does.
 """
 

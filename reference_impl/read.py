@@ -1,4 +1,4 @@
-"""Reads a case file, format 1 (`docs/keys.md`), into frozen dataclasses.
+"""Reads a case file, format 1 (`docs/reference/keys`), into frozen dataclasses.
 
 Whatever this reader does not know is refused by name (`table`).  SI units throughout: m, kg, s, Pa, N, rad.
 """

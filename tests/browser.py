@@ -75,15 +75,23 @@ class Page:
                 self.requests.append(values["request"]["url"][:100])
         return message
 
-    def open(self, path: Path, width: int = 1400, height: int = 800, scheme: str = "dark") -> None:
-        """Open a file, and wait until its view is ready."""
+    def open(
+        self,
+        path: Path,
+        width: int = 1400,
+        height: int = 800,
+        scheme: str = "dark",
+        query: str = "",
+        ready: str = "document.documentElement?.dataset.ready === 'true'",
+    ) -> None:
+        """Open a file, and wait until its view is ready, or what an expression says is."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.call("Emulation.setDeviceMetricsOverride", **size)
         features = [{"name": "prefers-color-scheme", "value": scheme}]
         self.call("Emulation.setEmulatedMedia", features=features)
-        self.call("Page.navigate", url=path.resolve().as_uri())
+        self.call("Page.navigate", url=path.resolve().as_uri() + query)
         end = time.monotonic() + PATIENCE
-        while not self.evaluate("document.documentElement?.dataset.ready === 'true'"):
+        while not self.evaluate(ready):
             assert time.monotonic() < end, self.problems
             self.call("Runtime.evaluate", expression="new Promise(r => setTimeout(r, 50))", awaitPromise=True)
 

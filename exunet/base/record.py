@@ -6,11 +6,11 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from functools import cache
-from inspect import Parameter, Signature, signature
+from inspect import Parameter, Signature
 from itertools import islice, pairwise
 from keyword import iskeyword
 from types import ModuleType
-from typing import Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import (
@@ -23,6 +23,7 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from exunet.base.errors import CaseError, Fault, InputError, within
@@ -57,9 +58,8 @@ class Record(BaseModel):
     def __init__(self, /, *args: Any, **keys: Any) -> None:
         kind = type(self)
         if args:
-            raise InputError(
-                f"{kind.__name__} takes arguments by name only: {kind.__name__}{signature(kind)}"
-            )
+            names = ", ".join(_argument(name, kind.model_fields[name]) for name in _arguments(kind))
+            raise InputError(f"{kind.__name__} takes arguments by name only: {kind.__name__}({names})")
         try:
             self.__pydantic_validator__.validate_python(tags(kind) | plain(keys), self_instance=self)
         except ValidationError as error:
@@ -75,13 +75,20 @@ class Record(BaseModel):
         defaults = {
             name: field.default for name, field in cls.model_fields.items() if not field.default_factory
         }
-        names = [name for name in cls.model_fields if not iskeyword(name) and name not in tags(cls)]
         cls.__signature__ = Signature(
             [
                 Parameter(name, Parameter.KEYWORD_ONLY, default=required.get(name, defaults.get(name)))
-                for name in names
+                for name in _arguments(cls)
             ]
         )
+
+    if not TYPE_CHECKING:  # a type checker knows that fields are frozen
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            raise _frozen(self, name)
+
+        def __delattr__(self, name: str) -> None:
+            raise _frozen(self, name)
 
     def document(self) -> dict[str, Any]:
         """Return the given keys as a table of a case file: plain values, lists and dictionaries."""
@@ -131,6 +138,21 @@ def tags(kind: type[Record]) -> dict[str, Any]:
     """Return the required keys that have one possible value, such as `topology`, with this value."""
     found = {name: literals(field) for name, field in kind.model_fields.items() if field.is_required()}
     return {name: values[0] for name, values in found.items() if len(values) == 1}
+
+
+def _arguments(kind: type[Record]) -> list[str]:
+    """Return the arguments of a constructor, the required ones first."""
+    names = [name for name in kind.model_fields if not iskeyword(name) and name not in tags(kind)]
+    return sorted(names, key=lambda name: not kind.model_fields[name].is_required())
+
+
+def _argument(name: str, field: FieldInfo) -> str:
+    return f"{name}={'…' if field.is_required() or field.default_factory else _brief(field.default)}"
+
+
+def _frozen(record: Record, name: str) -> InputError:
+    words = "records are frozen: construct another with this value, or use Scene.replace"
+    return InputError(f"{type(record).__name__}.{name}: {words}")
 
 
 def plain(value: Any) -> Any:

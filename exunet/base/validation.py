@@ -34,6 +34,8 @@ _KINDS = {
 def explained(error: ValidationError, record: type[BaseModel]) -> list[Located]:
     """Return every fault that a validation of a record found, with keys relative to the record."""
     items = [item for item in error.errors(include_url=False) if not _follows_from_another(item)]
+    last = {item["loc"][:-1]: item for item in items if _is_short(item)}  # of the missing items of each list
+    items = [item for item in items if not _is_short(item) or item is last[item["loc"][:-1]]]
     return [fault for item in items for fault in _explained(item, record)]
 
 
@@ -54,10 +56,15 @@ def _follows_from_another(error: Any) -> bool:
     return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
 
 
+def _is_short(error: Any) -> bool:
+    return error["type"] == "missing" and isinstance(error["loc"][-1], int)
+
+
 def _explained(error: Any, root: type[BaseModel]) -> Iterator[Located]:
     """Yield the faults of one of pydantic's `errors()`."""
     path, record, field = _located(error["loc"], root)
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    path = path[:-1] if path and path[-1] == "[key]" else path
     if kind == FAULTS:
         yield from (
             (tuple((*path, *item) for item in fault.paths), fault.reason) for fault in context[FAULTS]
@@ -75,14 +82,17 @@ def _explained(error: Any, root: type[BaseModel]) -> Iterator[Located]:
             members = [member for _, member in alternatives(field.annotation)] if field else []
             tags = [tag for member in members for tag in literals(member.model_fields.get(key))]
             reason = f"missing; must be {_choice([shown(tag) for tag in dict.fromkeys(tags)])}"
-    elif kind == "missing" and isinstance(path[-1], int):
-        path, reason = path[:-1], f"must have more items, got {len(value)}"
+    elif _is_short(error):
+        path, reason = path[:-1], f"must have {int(path[-1]) + 1} items, got {shown(value)}"
+    elif kind in ("too_short", "too_long"):
+        bound, of = ("at least", "min_length") if kind == "too_short" else ("at most", "max_length")
+        items = "item" if context[of] == 1 else "items"
+        reason = f"must have {bound} {context[of]} {items}, got {shown(value)}"
     elif kind == "missing":
         reason = _missing(field)
     elif kind == "extra_forbidden":
         reason = _unknown(str(path[-1]), record)
     elif kind == "string_pattern_mismatch":  # only names that a case chooses: keys of tables, of entries
-        path = path[:-1] if path[-1] == "[key]" else path
         reason = "a name has letters, digits, _ and - only"
     elif kind == "value_error":
         reason = str(context["error"])

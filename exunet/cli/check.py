@@ -18,7 +18,8 @@ from exunet.cli.output import duration, print_table, status
 from exunet.forces.closing import way_of
 from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import Control, FormationControl, PointControl, TableControl, growth_of_error
-from exunet.forces.effects import EFFECTS, switched_on
+from exunet.forces.effects import EFFECTS
+from exunet.forces.effects.contact import Contact
 from exunet.forces.estimate import EstimateBasis, hardest_strain
 from exunet.integrators.exudyn.build import expected_items
 from exunet.methods.method import METHODS, Backend, Kind, Method
@@ -81,7 +82,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
     """Return rows (name, value): counts, masses, effects, stable steps, engine items, cost of a run."""
     start = prepare_case(case, hosted=True)
     net, plan = start.net, start.plan
-    on = switched_on(case.scene.effects)
+    on = case.scene.effects.on
     off = [name for name in EFFECTS if name not in on]
     compiled = start.plan.backend == Backend.COMPILED
     items = "none: compiled loop" if compiled else _items(start)
@@ -147,7 +148,7 @@ def _time(start: Start) -> str:
     run, others = (duration(time) if time >= 1.0 else "below 1 s" for time in times)
     alone = run if start.plan.backend == Backend.COMPILED else "not estimated, in Exudyn"
     number = sum(runs for runs, _ in repeats(start))
-    if "contact" in switched_on(start.scene.effects):
+    if start.scene.effects.get(Contact) is not None:
         return (
             f"run {alone} without touching, repeats {others}; several times that while threads touch a body"
         )

@@ -30,7 +30,7 @@ def show_effects(case: Case, *, asked: float | None, measure: bool, every: bool)
     asked : displacement that matters, as a part of the net's size; None: effects.threshold, or 0.01
     """
     choice = case.scene.effects
-    limit = asked if asked is not None else getattr(choice, "threshold", None) or ASKED
+    limit = asked if asked is not None else choice.threshold or ASKED
     print_rich(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
     found, others = survey(case.scene), _others(case.scene)
     if others:
@@ -42,21 +42,21 @@ def show_effects(case: Case, *, asked: float | None, measure: bool, every: bool)
     small = [item.name for item in found if not (every or item.on or item.relative >= SHOWN)]
     if small:
         print_rich(f"{len(small)} below {SHOWN:.1%}: {', '.join(small)} (--all shows them and all sources)")
-    if getattr(choice, "choose", None) == "auto":
+    if choice.choose == "auto":
         print_rich('effects.choose = "auto": on are the tables whose estimate reaches effects.threshold')
     if measure:
         _ablation(case)
 
 
 def _others(scene: Scene) -> str:
-    """What there is beside the net, by name; "" if nothing."""
+    """Name the bodies and tethers beside the net; "" without any."""
     groups = (("bodies", scene.bodies), ("tethers", scene.tethers))
     return " and ".join(f"{what} ({', '.join(names)})" for what, names in groups if names)
 
 
 def of_the_net_alone(others: str) -> str:
     """The note above the estimates of a scene that has more than a net; others: what more."""
-    on_no_body = ", ".join(name for name in EFFECTS if getattr(EFFECTS[name], "ON_THE_NET_ALONE", False))
+    on_no_body = ", ".join(name for name, effect in EFFECTS.items() if effect.ON_THE_NET_ALONE)
     return (
         f"Sizes, cost and advice are of the net alone, without {others} (--ablate measures the whole scene). "
         f"Not modelled on bodies: {on_no_body}."
@@ -64,7 +64,7 @@ def of_the_net_alone(others: str) -> str:
 
 
 def of_closing(scene: Scene) -> str:
-    """What closes the mouth of a scene, estimated; "" if nothing does.
+    """Estimate what closes the mouth of a scene; "" if nothing does.
 
     A tension N round a loop with the mass m draws it inward at 2 pi N / m; a line that becomes shorter at a
     rate w makes its radius smaller by w / (2 pi).

@@ -22,7 +22,7 @@ from exunet.simulation.preparation import prepare_case
 KINDS = ("deployment", "capture")
 _EDGES = (0.02, 0.01, 0.005, 0.002)  # edge radius over D: the largest that the shape allows is taken
 _NET = """# {about}
-# Keys: docs/keys.md; `exunet check FILE` describes the case, `exunet run FILE` runs it. Units are SI.
+# Keys: docs/reference/keys; `exunet check FILE` describes the case, `exunet run FILE` runs it. Units are SI.
 format = 1
 title = "{title}"
 

@@ -15,6 +15,7 @@ from exunet.cli.output import RESULTS, ProgressBar, duration, report, silent, te
 from exunet.cli.run import RunOptions, run_case
 from exunet.plots.registry import STUDY_FIGURES, save_figures
 from exunet.results.outcome import Outcome
+from exunet.scene.casefile import Case
 from exunet.studies import estimates
 from exunet.studies.executor import cluster
 from exunet.studies.optimise import GIVEN, Optimum, gain, optimise, runs_of, scores_of
@@ -128,6 +129,7 @@ def _designs(table: StudyTable) -> list[str | None]:
 def run_of_study(folder: Path, run: int, *, quiet: bool = False) -> ExunetError | None:
     """Compute the full result of a run of a study, into a folder of its own in the study's."""
     case = StudyTable(folder).case(run)
+    assert isinstance(case, Case)  # no start: a table from a folder does not have a function
     return run_case(case, RunOptions(folder / f"run-{run}", overwrite=True, quiet=quiet, runs=0))
 
 

@@ -24,7 +24,6 @@ from exunet.coupling.net_system import (
     validate_same_start,
     validated_number,
 )
-from exunet.forces.effects import switched_on
 from exunet.integrators.exudyn.engine import exudyn, exudyn_items
 from exunet.integrators.exudyn.model import Model
 from exunet.model.system import System
@@ -329,7 +328,7 @@ def _validate_effects(start: Start) -> None:
             f"the recoil of an ejection from port {carrier} (initial.frame.body), which is the host's"
         )
     if forces.kernels:
-        words.append(f"a nonlinear force (effects on: {', '.join(switched_on(start.scene.effects))})")
+        words.append(f"a nonlinear force (effects on: {', '.join(start.scene.effects.on)})")
     if forces.linear is not None and _couples_attached(system):
         words.append("a damping or an orbit that couples nodes fixed to bodies with others")
     if words:

@@ -167,8 +167,7 @@ def _ports_alone(net: NetSystem) -> Scene:
         "cable": scene.net.cable.model_dump(exclude_unset=True),
     }
     whole = scene.model_dump(include={"format", "title", "time", "solver", "engine"}, exclude_unset=True)
-    fields = scene.effects.model_dump(
-        include={"gravity", "orbit", "j2"}, exclude_unset=True
-    )  # act on any mass
+    on = {name for name, effect in scene.effects.on.items() if effect.ACCELERATES_ALL}
+    fields = scene.effects.model_dump(include=on, exclude_unset=True)
     parts = {"net": explicit, "initial": {"packing": 1.0}, "bodies": bodies, "effects": fields}
     return Scene.model_validate(whole | parts)

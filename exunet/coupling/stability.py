@@ -34,7 +34,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache, reduce
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,7 +46,7 @@ from exunet.forces.contact import body_contact, sphere_contact
 from exunet.forces.contact.body_contact import BodyContact
 from exunet.forces.contact.sphere_contact import SphereContact
 from exunet.forces.contact.thread_contact import ThreadContact
-from exunet.forces.effects import switched_on
+from exunet.forces.effects.contact import Contact
 from exunet.forces.law import STRETCH_BOUND, slope_at
 from exunet.forces.on_bodies import held_by, mass_matrix
 from exunet.forces.reel import memory_name
@@ -171,7 +171,7 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
     at 1 / a, else at the largest penetration.
     """
     start = net.simulation.start
-    system, on = start.system, cast(Any, switched_on(start.scene.effects).get("contact"))
+    system, on = start.system, start.scene.effects.get(Contact)
     body, centre = system.bodies[system.blocks.rigid.index(port)], system.blocks.centre(port)
     total = Ratios()
     for term in system.forces.kernels:
@@ -191,6 +191,7 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
                 stiffness = sphere_contact.steepest(data) * len(data.spheres.node)
         else:
             continue
+        assert on is not None
         law, mobility = data.law, 1.0 / body.mass + arm**2 / min(body.inertia)
         spring = stiffness * mobility
         if speed := on.impact_speed or (1.0 / law.damping if law.damping else 0.0):

@@ -30,9 +30,9 @@ from exunet.base.errors import Fault, InputError
 from exunet.base.record import FromArray, NonNegative, Number, Positive, Record, Vector, increasing, once
 from exunet.base.times import reached
 from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.effect import RestOfCase, existing_body, existing_bullets
 from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
-from exunet.forces.requirements import RestOfCase, existing_body, existing_bullets
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 
 MOST_SAMPLES = 1_000_000
@@ -231,7 +231,7 @@ Numbers = list[float]
 
 @dataclass(frozen=True)
 class Sensed:
-    """What a controller knows at a sample.
+    """Measurements of a controller at a sample.
 
     time               : [s]
     position, velocity : (3 n) of the units, with the errors of their sensors [m], [m/s]
@@ -269,7 +269,7 @@ _AT_ONCE = 64  # samples of which errors are drawn one after the other: far fast
 
 @lru_cache(maxsize=64)
 def _errors(seed: int, bullets: tuple[int, ...], group: int) -> list[tuple[Numbers, Numbers]]:
-    """Of `_AT_ONCE` samples (3 n) normal errors of places and of velocities, in standard deviations.
+    """Draw (3 n) normal errors of places and velocities, in standard deviations, of `_AT_ONCE` samples.
 
     Those of a new generator `Philox(key=seed, counter=(0, 0, 0, sample))` for each sample. To make one takes
     ten times as long as to set it: NumPy asks the operating system for entropy, too.
@@ -417,7 +417,7 @@ _ITEM, _NONE = np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
 
 
 def states_of(control: Control) -> tuple[FirstOrder, FirstOrder]:
-    """What each unit has spent [N s], and then the work of all [J]."""
+    """Return the impulse that each unit has spent [N s], and the work of all [J]."""
     return FirstOrder(SPENT, (0.0,) * len(control.bullets), "N s"), FirstOrder(WORK, (0.0,), "J", gives=1.0)
 
 
@@ -522,7 +522,7 @@ class SamplingSwitch(Switch):
         return Sensed(time, *seen, x[centre].tolist(), v[centre].tolist())
 
     def _given(self, sensed: Sensed) -> list[float]:
-        """What the function asks for; raises InputError for anything but a finite force on each unit."""
+        """Call the function; raise InputError for anything but a finite force on each unit."""
         assert self.function is not None
         seen = (np.reshape(item, (-1, 3)) for item in (sensed.position, sensed.velocity))
         found, units = self.function(sensed.time, *seen), len(self.control.bullets)

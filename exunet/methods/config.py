@@ -44,8 +44,7 @@ class Solver(Record):
         None,
         le=1.0,
         description="error of the bullets' velocities before the horizon of predictability that is aimed at, "
-        "relative to the launch speed; sets an adaptive tolerance; absent: auto integrates for metrics, "
-        "whose medians are right beyond the horizon too, at less cost",
+        "relative to the launch speed; sets an adaptive tolerance; absent: auto integrates for metrics",
         examples=[1e-2],
     )
     tolerance: Positive | None = Field(

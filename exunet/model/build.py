@@ -15,20 +15,13 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Fault
+from exunet.bodies.mesh_core import core_of_mesh
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.touched import surface_of, surface_of_mesh
 from exunet.forces import corner_units
 from exunet.forces.blocks import Blocks, FirstOrder, Inertia, Poses, Speeds
 from exunet.forces.cores import Surface
-from exunet.forces.effects import (
-    breaking_limits,
-    first_order_states,
-    forces_of,
-    from_outside,
-    largest_touching_radius,
-    point_masses,
-    touched_bodies,
-)
+from exunet.forces.effects import forces_of
 from exunet.forces.from_outside import FIXED_NODES, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.methods.method import METHODS, Kind
@@ -59,7 +52,6 @@ from exunet.model.initial import (
     kicks,
     packed_state,
 )
-from exunet.model.mesh_core import core_of_mesh
 from exunet.model.script import script_of
 from exunet.model.system import InitialEjection, State, System
 from exunet.net import weave
@@ -162,12 +154,13 @@ def threads_of(scene: Scene, restart: Restart | None = None) -> Threads:
 
 def _with_strength(net: Net, scene: Scene) -> Net:
     """Return the net with the breaking forces of its elements, where the case does not give a strength."""
-    limits = breaking_limits(scene.effects, net)
-    if limits is None:
-        return net
-    strength = limits if net.strength is None else np.where(net.strength > 0.0, net.strength, limits)
-    strength.flags.writeable = False
-    return replace(net, strength=strength)
+    for effect in scene.effects.on.values():
+        limits = effect.breaking_limits(net, scene.effects.free_strain)
+        if limits is not None:
+            strength = limits if net.strength is None else np.where(net.strength > 0.0, net.strength, limits)
+            strength.flags.writeable = False
+            net = replace(net, strength=strength)
+    return net
 
 
 def _bodies(scene: Scene, threads: Threads, faults: list[Fault], restart: Restart | None) -> BodiesAtStart:
@@ -265,7 +258,8 @@ def _outside(scene: Scene, net: Net) -> tuple[str, ...]:
     if not scene.bodies or implicit:
         return ()
     units = () if scene.control is None else (corner_units.NAME,)
-    return (*from_outside(scene.effects), *units, *((FIXED_NODES,) if len(net.fixed_nodes) else ()))
+    outside = (name for name, effect in scene.effects.on.items() if not effect.is_internal())
+    return (*outside, *units, *((FIXED_NODES,) if len(net.fixed_nodes) else ()))
 
 
 def _states(
@@ -276,7 +270,8 @@ def _states(
     for component in components:
         (of_units if isinstance(component, CornerUnits) else of_threads).extend(component.states)
     impulses = (state for name in _outside(scene, threads.net) for state in impulses_of(name))
-    return (*start.rigid.given, *of_threads, *first_order_states(scene.effects), *of_units, *impulses)
+    of_effects = (state for effect in scene.effects.on.values() for state in effect.first_order_states())
+    return (*start.rigid.given, *of_threads, *of_effects, *of_units, *impulses)
 
 
 def _blocks(
@@ -293,7 +288,7 @@ def _blocks(
     names = tuple(body.name for body in rigid.bodies)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
-    masses = point_masses(scene.effects)
+    masses = tuple(mass for effect in scene.effects.on.values() for mass in effect.point_masses())
     blocks = Blocks.of(threads.net, start.position, masses, names, states, inertia, poses)
     moving = np.concatenate([start.velocity, _velocity_of_masses(scene, blocks)])
     if start.eject_at > 0.0:
@@ -313,8 +308,9 @@ def _velocity_of_masses(scene: Scene, blocks: Blocks) -> Floats:
 
 def _surfaces(scene: Scene, threads: Threads, rigid: BodiesAtStart) -> dict[str, Surface]:
     """Return the surfaces of the bodies in contact."""
-    named = touched_bodies(scene.effects)
-    reach = largest_touching_radius(scene.effects, threads.net)
+    effects = scene.effects.on.values()
+    named = frozenset(name for effect in effects for name in effect.touched_bodies())
+    reach = max((effect.largest_radius(threads.net) for effect in effects), default=0.0)
     surfaces = {}
     for number, body in enumerate(rigid.bodies):
         if body.name not in named:

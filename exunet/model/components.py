@@ -11,7 +11,6 @@ import numpy as np
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import LARGEST, Fault
-from exunet.base.record import Record
 from exunet.base.run_events import ReelEvent
 from exunet.bodies.config import BodyThrust
 from exunet.bodies.kinematics import Kinematics
@@ -21,7 +20,8 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.body_thrust import Thruster
 from exunet.forces.closing import Drawstring, way_of
 from exunet.forces.corner_units import Control
-from exunet.forces.effects import thrust
+from exunet.forces.effects import Choice, thrust
+from exunet.forces.effects.material_damping import MaterialDamping
 from exunet.forces.law import STRETCH_BOUND
 from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import (
@@ -231,12 +231,10 @@ class DrawnLine:
     time: float
 
     @classmethod
-    def of(cls, line: LineThroughRings, effects: Record, position: Floats) -> DrawnLine:
+    def of(cls, line: LineThroughRings, effects: Choice, position: Floats) -> DrawnLine:
         """Return the line of a net with nodes at position (n_nodes, 3) [m]."""
-        warm, damped = (getattr(effects, name, None) for name in ("thermal_strain", "material_damping"))
-        ratio = 1.0 if warm is None else float(np.sqrt(1.0 + 2.0 * warm.free_strain))
-        rubs = line.friction > 0.0
-        time = 0.0 if damped is None or rubs else float(damped.relaxation_time)
+        damping, ratio = effects.get(MaterialDamping), float(np.sqrt(1.0 + 2.0 * effects.free_strain))
+        time = 0.0 if damping is None or line.friction > 0.0 else damping.relaxation_time
         return cls(line, closing.states_of(line, position, ratio, time), ratio, time)
 
     def add(self, forces: Forces, blocks: Blocks, faults: list[Fault]) -> Forces:
@@ -326,7 +324,7 @@ class BodyThrusts:
 
 @dataclass(frozen=True, eq=False)
 class ScriptedForces:
-    """What the script of a case does to forces: thrusts wait, threads may be cut, coefficients are inputs."""
+    """Changes of forces by the script: thrusts wait, threads may be cut, coefficients are inputs."""
 
     script: tuple[ScriptEntry, ...]
     states: tuple[FirstOrder, ...] = ()

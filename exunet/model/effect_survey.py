@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 import scipy
@@ -24,17 +23,11 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
-from exunet.forces.effects import (
-    EFFECTS,
-    beyond_floats,
-    launch_force,
-    switched_on,
-    terms_of,
-    touches_bodies,
-    touching_pairs,
-)
+from exunet.forces.effect import Effect
+from exunet.forces.effects import EFFECTS, beyond_floats, terms_of
 from exunet.forces.effects.contact import Contact
-from exunet.forces.environment import CircularOrbitConfig
+from exunet.forces.effects.launch_force import LaunchForce
+from exunet.forces.effects.orbit import Orbit
 from exunet.forces.estimate import Approach, Estimate, EstimateBasis, Meeting
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.terms import leaves
@@ -158,7 +151,6 @@ _ELEMENT = {Backend.EXUDYN: 250.0, Backend.COMPILED: 7.0}
 _OBJECT = {Backend.EXUDYN: 80.0, Backend.COMPILED: 0.0}  # a node, if there are constant terms
 _CALL = {Backend.EXUDYN: 3_500.0, Backend.COMPILED: 0.0}  # if there are kernel terms
 _ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
-_OF_CONTACT = ("contact", "self_contact")  # whose estimates ask when the net meets bodies
 
 
 class Advice(StrEnum):
@@ -195,14 +187,13 @@ class Finding:
 
     def advice(self, accuracy: float) -> Advice:
         """Advise on the effect at an accuracy, as a fraction of the size of the net."""
-        module = EFFECTS.get(self.name)
-        if self.estimate is None:
+        if not isinstance(self.keys, Effect) or self.estimate is None:
             return Advice.UNKNOWN
-        if getattr(module, "NUMERICAL", False):
+        if self.keys.NUMERICAL:
             return Advice.NUMERICAL
         if not self.on and not self.assumption:
             return Advice.CANDIDATE
-        if not self.on and getattr(module, "ON_THE_GROUND", False):
+        if not self.on and self.keys.ON_THE_GROUND:
             return Advice.GROUND
         if self.relative < accuracy:
             return Advice.NOT_NEEDED
@@ -211,9 +202,9 @@ class Finding:
     @property
     def cost_words(self) -> str:
         """Cost in words; contact costs only while something touches."""
-        if self.estimate is None:
+        if not isinstance(self.keys, Effect) or self.estimate is None:
             return ""
-        return "in contact" if self.name in _OF_CONTACT else f"{self.cost:+.0%}"
+        return "in contact" if self.keys.COLLIDES else f"{self.cost:+.0%}"
 
 
 def setting_of(scene: Scene, without: str = "", duration: float | None = None) -> EstimateBasis:
@@ -223,21 +214,19 @@ def setting_of(scene: Scene, without: str = "", duration: float | None = None) -
     """
     net = weave(scene.net)
     position, velocity = initial_state(scene, net)
-    on = switched_on(scene.effects)
-    launch, orbit = on.get("launch_force"), on.get("orbit")
-    if isinstance(launch, launch_force.LaunchForce) and without != "launch_force":
+    launch = scene.effects.get(LaunchForce)
+    if launch is not None and EFFECTS.get(without) is not LaunchForce:
         mass = net.mass[net.bullet_nodes]
         speed = np.sqrt(2.0 * launch.work / mass)
-        velocity[net.bullet_nodes] += speed[:, None] * launch_force.barrels(launch, net)
-    own = orbit if isinstance(orbit, CircularOrbitConfig) else None
+        velocity[net.bullet_nodes] += speed[:, None] * launch.barrels(net)
     lasts = scene.time.end if duration is None else duration
-    return EstimateBasis(net, lasts, position, velocity, own, _meetings(scene))
+    return EstimateBasis(net, lasts, position, velocity, scene.effects.get(Orbit), _meetings(scene))
 
 
 def _meetings(scene: Scene) -> tuple[Meeting, ...]:
     """Return the approaches of the pairs of bodies in contact, by the positions of their frames."""
     found = []
-    for pair in sorted(sorted(names) for names in touching_pairs(scene.effects)):
+    for pair in sorted(sorted(names) for names in scene.effects.touching_pairs):
         tables = [scene.bodies[name] for name in pair]
         bodies = [make_body(name, keys) for name, keys in zip(pair, tables, strict=True)]
         mobility = sum(
@@ -272,41 +261,29 @@ def finding(scene: Scene, name: str, duration: float | None = None) -> Finding:
 
 def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
     basis = setting_of(scene, name, duration)
-    keys, assumption = switched_on(scene.effects).get(name), ""
+    keys, assumption = scene.effects.on.get(name), ""
     has_table = keys is not None
     if keys is None:
         assumed = EFFECTS[name].nominal(basis)
         if assumed is None:
             return Finding(name, False, None, "", None, 0.0, 0.0)
         keys, assumption = assumed
-    contact = keys if isinstance(keys, Contact) else switched_on(scene.effects).get("contact")
-    if isinstance(contact, Contact) and name in _OF_CONTACT:  # only the system knows where bodies are
+    contact, masses, states = scene.effects.get(Contact), keys.point_masses(), keys.first_order_states()
+    blocks = Blocks.of(basis.net, basis.position, masses, tuple(scene.bodies), states)
+    if contact is not None and keys.COLLIDES:  # only the system knows where bodies are
         system, state = system_of(scene, [])
         basis = replace(basis, approaches=approaches(contact, basis, system, state))
-        blocks = system.blocks
-    if touches_bodies(name):
-        terms = terms_of(name, keys, blocks)
-    else:
-        terms = terms_of_alone(name, keys, basis, tuple(scene.bodies))
+        blocks = system.blocks if keys is contact else blocks
+    terms = terms_of(name, keys, blocks)
     backend = Backend.EXUDYN if scene.engine.backend == Backend.EXUDYN else Backend.COMPILED
     cost = cost_of(terms, basis.blocks, backend)
-    estimate: Estimate = EFFECTS[name].magnitude(keys, basis)
+    estimate = keys.magnitude(basis)
     if not np.isfinite([estimate.acceleration, estimate.displacement]).all():
         raise beyond_floats(name)
     relative = estimate.displacement / basis.size
-    choice: Any = scene.effects
-    on = has_table and (choice.choose is None or relative >= choice.threshold)
+    threshold = scene.effects.threshold
+    on = has_table and (threshold is None or relative >= threshold)
     return Finding(name, on, keys, assumption, estimate, relative, cost)
-
-
-def terms_of_alone(
-    name: str, keys: Record, basis: EstimateBasis, bodies: tuple[str, ...]
-) -> tuple[Contribution, ...]:
-    """Return the terms of an effect alone, with its point masses; bodies by name."""
-    module = EFFECTS[name]
-    masses = module.point_masses(keys) if hasattr(module, "point_masses") else ()
-    states = module.first_order_states(keys) if hasattr(module, "first_order_states") else ()
-    return terms_of(name, keys, Blocks.of(basis.net, basis.position, masses, bodies, states))
 
 
 def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, backend: Backend) -> float:
@@ -336,12 +313,12 @@ def chosen(scene: Scene, faults: list[Fault]) -> tuple[Scene, tuple[str, ...]]:
 
     faults : receives faults of candidates whose numbers, or those of the scene, overflow; these stay on
     """
-    choice: Any = scene.effects
-    if choice.choose is None:
+    choice = scene.effects
+    if choice.threshold is None:
         return scene, ()
     off: dict[str, None] = {}
     notes = []
-    for name in switched_on(choice):
+    for name in choice.on:
         one = None
         with joining(faults):
             one = finding(scene, name)
@@ -360,8 +337,7 @@ def chosen(scene: Scene, faults: list[Fault]) -> tuple[Scene, tuple[str, ...]]:
 
 def without_choice(asked: Scene, resolved: Scene) -> tuple[str, ...]:
     """Return overrides that switch on the effects that `chosen` kept, for the reference."""
-    effects: Any = asked.effects
-    if effects.choose is None:
+    if asked.effects.choose is None:
         return ()
-    off = set(switched_on(effects)) - set(switched_on(resolved.effects))
+    off = set(asked.effects.on) - set(resolved.effects.on)
     return tuple(f"effects.{name}=" for name in ("choose", "threshold", *sorted(off)))

@@ -19,7 +19,6 @@ from exunet.bodies.port import Guide
 from exunet.bodies.rigid import RigidBody, RigidStates, make_body
 from exunet.bodies.rotations import product, rotation_matrix
 from exunet.forces.blocks import FirstOrder
-from exunet.forces.effects import touching_pairs
 from exunet.forces.on_bodies import Held
 from exunet.forces.reel import memory_name
 from exunet.net import explicit, weave
@@ -363,7 +362,7 @@ def bodies_at_start(
     kinematics = Kinematics(len(bodies) - len(guides), guides, ports, *_attached(bodies, attached), held)
     whole = kinematics.all_bodies(np.array(0.0), whole)
     # Bodies in contact in another run may penetrate as far as contact allows, which it checks itself.
-    touching = frozenset() if restart is None else touching_pairs(scene.effects)
+    touching = frozenset() if restart is None else scene.effects.touching_pairs
     faults += _overlaps(bodies, whole, touching)
     given = tuple(state for body in bodies[kinematics.n_free :] for state in given_states(body.name))
     return BodiesAtStart(tuple(bodies), whole, kinematics, given)

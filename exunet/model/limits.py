@@ -31,6 +31,7 @@ from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import assemble_pairs, reference_blocks, reference_spans
 from exunet.forces.cable_term import INTACT
 from exunet.forces.closing import MEMORY as LINE
+from exunet.forces.effects import EFFECTS
 from exunet.forces.terms import KernelTerm, copied
 from exunet.methods.config import SHORTEST_STEP
 from exunet.methods.method import METHODS, Kind, Method, Plan
@@ -600,7 +601,8 @@ def _source(term: KernelTerm) -> tuple[str, str] | None:
 
 
 def _is_contact(term: KernelTerm) -> bool:
-    return term.memory is not None and term.memory.name.partition("/")[0] in ("contact", "self_contact")
+    effect = None if term.memory is None else EFFECTS.get(term.memory.name.partition("/")[0])
+    return effect is not None and effect.COLLIDES
 
 
 def _fastest(net: Net) -> tuple[str, float]:

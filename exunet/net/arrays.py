@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -103,6 +103,7 @@ class Net(ShortRepr):
                          no element
     law_number         : (n_elements,) number of each element's law, see `exunet.forces.law`; None: 0
     law_table          : (n_rows, 4) rows of the tables of laws
+    table_keys         : key of a case of each table, by its law's number; empty in a stored net
     knots              : (n_knots,) nodes at the ends of mesh sides, which names refer to: divisions do not
                          move them
     """
@@ -124,6 +125,7 @@ class Net(ShortRepr):
     knots: Ints = field(default_factory=_no_indexes)
     law_number: Ints | None = None
     law_table: Floats = field(default_factory=lambda: NO_TABLE)
+    table_keys: Mapping[int, str] = field(default_factory=dict, compare=False)
 
     def node(self, given: int | str) -> int:
         """Return the number of a node of the net itself.

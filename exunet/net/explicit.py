@@ -16,7 +16,8 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, StringConstraints
 
-from exunet.base.errors import CaseError, Fault
+from exunet.base.errors import CaseError, Fault, InputError
+from exunet.base.files import path_of
 from exunet.base.record import FromArray, NonNegative, Number, Vector, distinct, once, shortened
 from exunet.net.arrays import Floats, Ints, Mesh, edge_of
 from exunet.net.base import Cable, ThrownNetConfig, no_node, other_length
@@ -94,7 +95,9 @@ class ExplicitNet(ThrownNetConfig):
     )
 
     @classmethod
-    def from_csv(cls, nodes: str | Path, elements: str | Path, **keys: Any) -> Self:
+    def from_csv(
+        cls, nodes: str | Path | None = None, elements: str | Path | None = None, *more: Any, **keys: Any
+    ) -> Self:
         """Make a net of a file of nodes and a file of elements.
 
         Parameters
@@ -104,7 +107,11 @@ class ExplicitNet(ThrownNetConfig):
         **keys
             The other keys of the topology, such as ``cable``, ``corners`` and ``bullets``.
         """
-        return cls(nodes_file=str(nodes), elements_file=str(elements), **keys)
+        if nodes is None or elements is None or more:
+            words = "requires a file of nodes and a file of elements, then keys by name, such as cable=…"
+            raise InputError(f"ExplicitNet.from_csv {words}")
+        files = (path_of(file, "ExplicitNet.from_csv") for file in (nodes, elements))
+        return cls(**keys | dict(zip(("nodes_file", "elements_file"), map(str, files), strict=True)))
 
     def __eq__(self, other: object) -> bool:
         """Compare the keys, not the cached arrays."""
@@ -209,6 +216,15 @@ class ExplicitNet(ThrownNetConfig):
             else:
                 words = f"joins nodes {i} and {j}, which are {length[k]:g} m apart: not the length of a cable"
                 yield Fault(key, where + words)
+        _, firsts, pair = np.unique(
+            np.sort(elements, axis=1) @ [count, 1], return_index=True, return_inverse=True
+        )
+        for k in np.flatnonzero(inside & (firsts[pair] != np.arange(len(elements)))).tolist():
+            key, where = self.place_of_element(k)
+            first, lines = int(firsts[pair][k]), self.listed.lines
+            earlier = f"line {lines[first]}" if lines else f"elements[{first}]"
+            i, j = elements[k].tolist()
+            yield Fault(key, f"{where}joins {i} and {j} again ({earlier}): remove one")
 
     def _nodes_without_mass(self) -> Iterator[Fault]:
         nodes, elements, masses = self.listed[:3]

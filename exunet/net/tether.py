@@ -324,7 +324,7 @@ def _with_one(net: Net, name: str, keys: Tether, tied: list[TiedPoint]) -> Net:
         density=_appended(net.density, keys.density, keys.divisions),
         is_string=np.concatenate([net.is_string, np.zeros(keys.divisions, dtype=bool)]),
         **_strength(net, keys),
-        **_law(net, keys),
+        **_law(net, name, keys),
     )
 
 
@@ -336,13 +336,15 @@ def _strength(net: Net, keys: Tether) -> dict[str, Floats]:
     return {"strength": _appended(before, keys.allowable or 0.0, keys.divisions)}
 
 
-def _law(net: Net, keys: Tether) -> dict[str, Any]:
+def _law(net: Net, name: str, keys: Tether) -> dict[str, Any]:
     """Laws of all elements, if any is not the default."""
     (number,), table = laws_of([keys], net.law_table)
     if net.law_number is None and not number:
         return {}
     before = np.zeros(net.n_elements, dtype=np.int64) if net.law_number is None else net.law_number
-    return {"law_number": np.append(before, np.full(keys.divisions, number)), "law_table": table}
+    numbers = np.append(before, np.full(keys.divisions, number))
+    table_keys = dict(net.table_keys) | ({number: f"tethers.{name}.table"} if number > 1 else {})
+    return {"law_number": numbers, "law_table": table, "table_keys": table_keys}
 
 
 def _appended(values: Floats, value: float, times: int) -> Floats:
@@ -350,6 +352,6 @@ def _appended(values: Floats, value: float, times: int) -> Floats:
 
 
 def _extended(net: Net, tether: TetherNodes, **arrays: Any) -> Net:
-    for array in arrays.values():
+    for array in (value for value in arrays.values() if isinstance(value, np.ndarray)):
         array.flags.writeable = False
     return replace(net, tethers=(*net.tethers, tether), **arrays)

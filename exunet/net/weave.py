@@ -99,7 +99,7 @@ def _by_length(loops: list[list[int]], knots: Floats) -> tuple[Ints, ...]:
 
 
 _FLAT = 1e-9  # of the size of a net: what is nearer to a plane, or to a side, than this lies in it
-_GUIDE = "see docs/extending.md, A topology"
+_GUIDE = "see docs/how_to/extending.md, A topology"
 
 
 def refuse_unsound(mesh: Mesh, topology: str) -> None:
@@ -227,12 +227,17 @@ class _Cables:
 
     chains : (n_cables, divisions + 1) the nodes along each cable
     length : (n_cables,) reference length of each element [m]
+    key    : of made_of in [net]
     """
 
     chains: Ints
     length: Floats
     made_of: Cable
-    is_string: bool
+    key: str
+
+    @property
+    def is_string(self) -> bool:
+        return self.key == "strings"
 
     @property
     def element_nodes(self) -> Ints:
@@ -265,7 +270,7 @@ def net_of(mesh: Mesh, keys: NetConfig) -> Net:
     if strings:
         string_length = np.full(len(string_ends), strings.length / strings.divisions)
         chains = _chains(string_ends, strings.divisions, len(ends) + len(inner[0]))
-        cables.append(_Cables(chains, string_length, strings, True))
+        cables.append(_Cables(chains, string_length, strings, "strings"))
         inner.append(between(ends, string_ends, strings.divisions))
 
     position = np.concatenate([ends, *inner])
@@ -297,14 +302,18 @@ def _of_sides(chains: Ints, length: Floats, mesh: Mesh, keys: NetConfig) -> tupl
     if mesh.threads is not None:
         made_of: Sequence[Cable] = getattr(keys, "thread_cables")()  # noqa: B009 - of the topology that has them
         groups = [(cable, np.flatnonzero(mesh.threads == k)) for k, cable in enumerate(made_of)]
-        cables = [_Cables(chains[own], length[own], cable, False) for cable, own in groups]
+        names = ["cable", *(f"threads.{name}" for name in getattr(keys, "threads"))]  # noqa: B009 - likewise
+        cables = [
+            _Cables(chains[own], length[own], cable, name)
+            for name, (cable, own) in zip(names, groups, strict=True)
+        ]
         return cables, np.argsort(np.concatenate([own for _, own in groups]))
     if not mesh.n_border:
-        return [_Cables(chains, length, keys.cable, False)], None
+        return [_Cables(chains, length, keys.cable, "cable")], None
     inside = len(chains) - mesh.n_border
     border: Cable = getattr(keys, "border")  # noqa: B009 - of the topologies that have one
-    inner = _Cables(chains[:inside], length[:inside], keys.cable, False)
-    return [inner, _Cables(chains[inside:], length[inside:], border, False)], None
+    inner = _Cables(chains[:inside], length[:inside], keys.cable, "cable")
+    return [inner, _Cables(chains[inside:], length[inside:], border, "border")], None
 
 
 def between(values: Floats, ends: Ints, divisions: int) -> Floats:
@@ -429,4 +438,5 @@ def _net(
         arrays["law_table"] = table
     for array in arrays.values():
         array.flags.writeable = False
-    return Net(**arrays, faces=faces, mouth=mouth)
+    keys = {k: f"net.{kind.key}.table" for k, kind in zip(numbers, cables, strict=True) if k > 1}
+    return Net(**arrays, faces=faces, mouth=mouth, table_keys=keys)

@@ -147,7 +147,7 @@ def _net_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
 def _net_of(arrays: Mapping[str, NDArray[Any]], where: str) -> Net:
     """Return the net of arrays that `_net_arrays` made; raises InputError."""
     _validate_net(arrays, where)
-    plain = {name: arrays[name] for name in (*_PLAIN, "strength", *_LAW) if name in arrays}
+    plain: dict[str, Any] = {name: arrays[name] for name in (*_PLAIN, "strength", *_LAW) if name in arrays}
     for values in plain.values():
         values.setflags(write=False)
     faces, mouths = _loops(arrays, "face"), _loops(arrays, "mouth")

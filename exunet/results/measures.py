@@ -274,7 +274,8 @@ def all_have_lines(result: Result) -> bool:
     if plan is None or METHODS[plan.method].kind == Kind.IMPLICIT:
         return False
     lines = effects_of(result.states)
-    within = all(effect in lines or hasattr(EFFECTS.get(effect), "internal") for effect in result.run.effects)
+    effects = result.run.effects
+    within = all(effect in lines or (effect in EFFECTS and EFFECTS[effect].INTERNAL) for effect in effects)
     return within and any(body.inertia is not None for body in result.bodies.values())
 
 

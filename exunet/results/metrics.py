@@ -1,7 +1,7 @@
 """Metrics of a run: named numbers with unit and, where they have one, time and place.
 
 A metric is yielded by one of the functions in `METRICS`. To add a metric, add a function to that list, and a
-line to the list of metrics in docs/metrics.md. A metric that a run does not have is not yielded.
+line to the list of metrics in docs/reference/metrics.md. A metric that a run does not have is not yielded.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
 from exunet.bodies.rotations import product, rotation_vector
 from exunet.forces.contact.status import ContactKey
+from exunet.forces.effects import EFFECTS
 from exunet.forces.from_outside import OUTSIDE
 from exunet.net.arrays import NET, TETHER
 from exunet.results.capture import Measures
@@ -200,13 +201,10 @@ def bullet_speed(run: Observables) -> Iterator[Metric]:
         )  # fmt: skip
 
 
-# Forces without a potential that may put energy in, which is counted against what is dissipated.
-_PUTS_IN = {"thrust": "thrust", "molecular_drag": "the flow of gas"}
-
-
 def dissipated_energy(run: Observables) -> Iterator[Metric]:
     """Energy dissipated by the end."""
-    less = " and ".join(words for effect, words in _PUTS_IN.items() if effect in run.result.run.effects)
+    effects = run.result.run.effects
+    less = " and ".join(kind.PUTS_IN for name, kind in EFFECTS.items() if name in effects and kind.PUTS_IN)
     remark = f"less what {less} put in" if less else ""
     yield Metric("dissipated_energy", "energy dissipated", "J", float(run.dissipated[-1]), remark=remark)
 

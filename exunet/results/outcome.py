@@ -28,7 +28,7 @@ _MOVES = 0.05  # of its fastest rate: a drive, or a net, that is slower is at re
 
 
 class Outcome(StrEnum):
-    """Outcome of a capture, see docs/theory_bodies.md."""
+    """Outcome of a capture, see docs/explanation/theory_bodies.md."""
 
     UNDETERMINED = "undetermined"
     CAPTURED = "captured"
@@ -197,7 +197,7 @@ _WINCH = f"the winch {_PULL}, {{wound_m}} of {{windable_m}} m wound up"
 
 
 class Cause(StrEnum):
-    """Binding cause of a capture that did not succeed, with a sentence on it; see docs/captures.md."""
+    """Binding cause of a capture that did not succeed, with a sentence on it; see docs/how_to/captures.md."""
 
     words: str
 

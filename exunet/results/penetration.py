@@ -29,12 +29,12 @@ from exunet.bodies.distance import (
     rates_around,
     seen_from,
 )
+from exunet.bodies.mesh_core import core_of_mesh
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import SampledCore, core_as_solid
 from exunet.forces.contact.signed_distance import sampled_distance
 from exunet.forces.contact.status import THREADS, ContactKey
-from exunet.model.mesh_core import core_of_mesh
 from exunet.results.clearance import Pair, movers_of, pairs_of, rounded_shapes
 from exunet.results.loads import attached_nodes
 from exunet.results.observables import Observables, touching_pairs

@@ -42,7 +42,7 @@ STANDARD_GRAVITY = 9.80665  # m/s2, which relates a specific impulse in seconds 
 def summarise(
     result: Result, check: Agreement | str | None = None, ensemble: Ensemble | str | None = None
 ) -> dict[str, Any]:
-    """Collect the numbers of a result, ready for JSON; docs/results.md has the meaning of each key.
+    """Collect the numbers of a result, ready for JSON; docs/reference/results.md has the meaning of each key.
 
     check    : outcome of the comparison with the reference, or why it is missing
     ensemble : of perturbed runs, or why they are missing

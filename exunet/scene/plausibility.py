@@ -24,8 +24,14 @@ from exunet.bodies.distance import distances_to
 from exunet.bodies.mass_properties import of_solid
 from exunet.bodies.rigid import shape_of
 from exunet.bodies.rotations import rotation_matrix
-from exunet.forces.effects import EFFECTS, switched_on
-from exunet.forces.requirements import replaces_launch
+from exunet.forces.contact.law import ImpactDampingConfig
+from exunet.forces.effects.air_drag import AirDrag
+from exunet.forces.effects.contact import Contact, LinearContact
+from exunet.forces.effects.gravity import Gravity
+from exunet.forces.effects.material_damping import MaterialDamping
+from exunet.forces.effects.molecular_drag import MolecularDrag
+from exunet.forces.effects.rayleigh_damping import RayleighDamping
+from exunet.forces.environment import CircularOrbitConfig
 from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.net.base import Cable, ThrownNetConfig
@@ -101,11 +107,11 @@ class _Mission:
     @cached_property
     def thrown(self) -> bool:
         """Whether the net's flight follows from [initial] and [launch]."""
-        on = switched_on(self.scene.effects)
-        own = any(replaces_launch(EFFECTS[name]) for name in on)
+        effects = self.scene.effects
+        own = any(effect.REPLACES_LAUNCH for effect in effects.on.values())
         initial = self.scene.initial
         listed = not self.scene.net.has_mouth or initial.node_positions or initial.node_velocities
-        return not (own or listed or initial.restart is not None or "gravity" in on)
+        return not (own or listed or initial.restart is not None or effects.get(Gravity))
 
     @cached_property
     def start(self) -> tuple[Floats, Floats, Floats]:
@@ -256,7 +262,7 @@ def _outside(key: str, words: str, value: float, bounds: tuple[float, float], un
 def materials(mission: _Mission) -> Iterator[Fault]:
     """Modulus, density, strength and thickness of each thread, and of the closing line."""
     scene, side = mission.scene, _shortest_side(mission.net, mission.scene.net.divisions)
-    damping = getattr(scene.effects, "material_damping", None)
+    damping = scene.effects.get(MaterialDamping)
     for key, cable in cables(scene).items():
         length = float(getattr(cable, "length", side))
         yield from _outside(f"{key}.youngs_modulus", "modulus", cable.modulus, MODULUS, "Pa")
@@ -323,8 +329,8 @@ def damping_note(scene: Scene, net: Net) -> str | None:
 
     The stiffness-proportional part of Rayleigh damping damps taut threads as a relaxation time does.
     """
-    time = getattr(getattr(scene.effects, "material_damping", None), "relaxation_time", 0.0)
-    time += getattr(getattr(scene.effects, "rayleigh_damping", None), "beta", 0.0)
+    damping, rayleigh = scene.effects.get(MaterialDamping), scene.effects.get(RayleighDamping)
+    time = (damping.relaxation_time if damping else 0.0) + (rayleigh.beta if rayleigh else 0.0)
     side = _shortest_side(net, scene.net.divisions)
     whole = critical_time(scene.net.cable, side)
     if math.isinf(side) or time >= CONVERGES * whole:
@@ -355,14 +361,14 @@ def bodies(mission: _Mission) -> Iterator[Fault]:
 def environment(mission: _Mission) -> Iterator[Fault]:
     """Gravity, air and orbit."""
     effects = mission.scene.effects
-    if (keys := getattr(effects, "gravity", None)) is not None:
-        size = math.hypot(*keys.acceleration)
+    if (gravity := effects.get(Gravity)) is not None:
+        size = math.hypot(*gravity.acceleration)
         if size > GRAVITY:
             yield Fault("effects.gravity.acceleration", f"{size:.4g} m/s2 is above that of any planet")
-    if (keys := getattr(effects, "air_drag", None)) is not None and keys.density > AIR:
-        yield Fault("effects.air_drag.density", f"{keys.density:g} kg/m3 is denser than any air")
-    for name in ("orbit", "j2", "solar_pressure", "molecular_drag"):
-        altitude = getattr(getattr(effects, name, None), "altitude", None)
+    if (air := effects.get(AirDrag)) is not None and air.density > AIR:
+        yield Fault("effects.air_drag.density", f"{air.density:g} kg/m3 is denser than any air")
+    for name, effect in effects.on.items():
+        altitude = effect.altitude if isinstance(effect, CircularOrbitConfig | MolecularDrag) else None
         if altitude is not None and altitude < ATMOSPHERE:
             words = f"{altitude:g} m is within the atmosphere (kilometres instead of metres?)"
             yield Fault(f"effects.{name}.altitude", words)
@@ -386,19 +392,17 @@ def bullets(mission: _Mission) -> Iterator[Fault]:
 def contact(mission: _Mission) -> Iterator[Fault]:
     """Friction and damping, radii of what touches, and how deep it gets at the speed of the approach."""
     scene = mission.scene
-    for name in ("contact", "self_contact"):
-        law = getattr(scene.effects, name, None)
-        coefficient = getattr(getattr(law, "friction", None), "coefficient", 0.0)
-        if coefficient > FRICTION:
-            words = f"{coefficient:g} is more than that of soft rubber"
-            yield Fault(f"effects.{name}.friction.coefficient", words)
-        speed = getattr(law, "impact_speed", None) or 0.0
+    for name, law in scene.effects.on.items():
+        speed = law.impact_speed or 0.0 if isinstance(law, ImpactDampingConfig) else 0.0
         if speed > FASTEST:
             words = f"{speed:g} m/s is faster than any net is thrown (mm/s instead of m/s?)"
             yield Fault(f"effects.{name}.impact_speed", words)
-    keys = getattr(scene.effects, "contact", None)
+    keys = scene.effects.get(Contact)
     if keys is None:
         return
+    if keys.friction is not None and keys.friction.coefficient > FRICTION:
+        words = f"{keys.friction.coefficient:g} is more than that of soft rubber"
+        yield Fault("effects.contact.friction.coefficient", words)
     for name in set(keys.bullets).difference(keys.threads, keys.nodes):
         words = f"are all that touches {name!r}: threads fly through it unless effects.contact.threads has it"
         yield Fault("effects.contact.bullets", words)
@@ -406,7 +410,7 @@ def contact(mission: _Mission) -> Iterator[Fault]:
         radius = getattr(keys, name)
         if radius is not None and radius > 0.1 * mission.net.size:
             yield Fault(f"effects.contact.{name}", f"{radius:g} m is more than a tenth of the net's size")
-    if mission.approach is None or mission.target is None or keys.law != "linear":
+    if mission.approach is None or mission.target is None or not isinstance(keys, LinearContact):
         return
     extent = extents(scene.bodies[mission.target.name])
     speed, cable = mission.approach.speed, scene.net.cable
@@ -414,9 +418,9 @@ def contact(mission: _Mission) -> Iterator[Fault]:
         return
     depths = {}
     if mission.target.name in keys.threads:
-        depths["stiffness"] = speed * math.sqrt(cable.density * cable.cross_section / keys.stiffness)
+        depths["stiffness"] = speed * math.sqrt(cable.density * cable.cross_section / keys.of_threads)
     if mission.target.name in keys.bullets and isinstance(scene.net, ThrownNetConfig) and scene.net.bullets:
-        depths["bullet_stiffness"] = speed * math.sqrt(scene.net.bullets.mass / keys.bullet_stiffness)
+        depths["bullet_stiffness"] = speed * math.sqrt(scene.net.bullets.mass / keys.of_bullets.stiffness)
     for name, depth in depths.items():
         if depth > 0.5 * extent[0]:
             words = f"at {speed:.3g} m/s lets what touches in by {depth:.3g} m, more than half of the "

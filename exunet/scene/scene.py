@@ -34,8 +34,10 @@ from exunet.bodies import config as bodies
 from exunet.bodies.config import Bodies, Placed, Quaternion
 from exunet.forces import corner_units, effects
 from exunet.forces.corner_units import AnyControl
+from exunet.forces.effect import RestOfCase, existing_body
 from exunet.forces.effects import Effects as _Effects
-from exunet.forces.requirements import RestOfCase, replaces_launch
+from exunet.forces.effects.contact import Contact
+from exunet.forces.effects.thermal_strain import ThermalStrain
 from exunet.methods.config import AUTO, Solver
 from exunet.methods.method import COMPILED_METHODS, Backend
 from exunet.net import AnyNetConfig, closing, explicit, folding, tether
@@ -59,7 +61,7 @@ from exunet.scene.document import (
 from exunet.scene.script import ScriptEntry
 
 if TYPE_CHECKING:
-    Effects = Record
+    Effects = effects.Choice
     BackendKey = Backend | Literal["auto"]
 else:  # made from the registry of effects and from enums, which a type checker cannot follow
     Effects = _Effects
@@ -426,6 +428,8 @@ class Scene(Record):
         made, faults = list[Override](), list[Fault]()
         for key, value in changes.items():
             try:
+                if not isinstance(key, str):
+                    raise ValueError("a key path is a string")
                 change = Override(key, key_path(key), plain(value), removes=value is None)
                 made.append(applied(change, document, Scene))
             except ValueError as error:
@@ -457,7 +461,7 @@ class Scene(Record):
             yield Fault("effects.choose", words)
         yield from within("effects", effects.cross_checks(self))
         if self.capture is not None:
-            contact = getattr(self.effects, "contact", None)
+            contact = self.effects.get(Contact)
             touched = frozenset(() if contact is None else (*contact.threads, *contact.nodes))
             mouth = self.net.has_mouth
             found = capture.cross_checks(self.capture, self.bodies, touched, has_mouth=mouth)
@@ -512,9 +516,7 @@ def _initial(scene: Scene) -> Iterator[Fault]:
     if initial.fold is not None:
         yield from within("initial.fold", folding.cross_checks(scene.net, initial.fold))
     if (frame := initial.frame) is not None:
-        if frame.body not in scene.bodies:
-            known = ", ".join(scene.bodies) or "none"
-            yield Fault("initial.frame.body", f'unknown body "{frame.body}" (bodies: {known})')
+        yield from existing_body("initial.frame.body", frame.body, RestOfCase(scene))
         if frame.eject_at > 0.0 and reached(frame.eject_at, scene.time.end):
             words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
             yield Fault("initial.frame.eject_at", words)
@@ -533,8 +535,8 @@ def _initial(scene: Scene) -> Iterator[Fault]:
     if initial.restart is not None:
         words = "excludes initial.restart, whose state has positions and velocities: remove one"
         excluded = ["launch"] if scene.launch is not None else []
-        on = effects.switched_on(scene.effects)
-        excluded += [f"effects.{name}" for name in on if replaces_launch(effects.EFFECTS[name])]
+        on = scene.effects.on.items()
+        excluded += [f"effects.{name}" for name, effect in on if effect.REPLACES_LAUNCH]
         for name, keys in scene.tethers.items():
             if keys.reel is not None and keys.reel.paid_out is not None:
                 excluded.append(f"tethers.{name}.reel.paid_out")
@@ -561,7 +563,7 @@ def _laws(scene: Scene) -> Iterator[Fault]:
     other = [key for key, cable in cables(scene).items() if cable.law != "green_lagrange"]
     reasons = {
         "effects.thermal_strain": "whose free strain is of Green and Lagrange"
-        if scene.effects.is_given("thermal_strain")
+        if scene.effects.get(ThermalStrain) is not None
         else "",
         'closing.kind = "perimeter"': "which shortens threads of that law"
         if scene.closing is not None and scene.closing.kind == "perimeter"

@@ -18,6 +18,9 @@ from pydantic import Field, StringConstraints, create_model, field_validator
 from exunet.base.errors import Fault, within
 from exunet.base.record import NonNegative, Positive, Record, Vector
 from exunet.base.times import same_time
+from exunet.forces.effects.breaking import Breaking
+from exunet.forces.effects.contact import Contact
+from exunet.forces.effects.thrust import Thrust
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.closing import ClosingLine
 from exunet.net.drive import Drive, command_of, too_fast
@@ -467,7 +470,7 @@ def settable(scene: Any, drives: Mapping[str, Any]) -> dict[str, Bounds]:
     if line is not None:
         smooth = "needs closing.friction greater than 0"
         bounds["closing.friction"] = Bounds(most=2.0, open=True, why="" if line.friction else smooth)
-    breaks = getattr(scene.effects, "breaking", None) is not None
+    breaks = scene.effects.get(Breaking) is not None
     for name, tether in scene.tethers.items():
         why = f"tether {name!r} has a reel, whose outlet keeps its stiffness" if tether.reel else ""
         if breaks:
@@ -487,9 +490,9 @@ def _commanded(name: str) -> str:
 
 
 def _of_effects(scene: Any) -> Iterator[tuple[str, Bounds]]:
-    if getattr(scene.effects, "thrust", None) is not None:
+    if scene.effects.get(Thrust) is not None:
         yield "thrust.factor", Bounds()
-    contact = getattr(scene.effects, "contact", None)
+    contact = scene.effects.get(Contact)
     if contact is not None:
         why = "" if contact.friction is not None else "needs [effects.contact.friction]"
         yield "contact.friction", Bounds(why=why)
@@ -522,8 +525,8 @@ class Stage:
             "mouth": scene.net.has_mouth,
             "tethers": bool(scene.tethers),
             "line": isinstance(scene.closing, ClosingLine),
-            "contact": getattr(scene.effects, "contact", None) is not None,
-            "thrust": getattr(scene.effects, "thrust", None) is not None,
+            "contact": scene.effects.get(Contact) is not None,
+            "thrust": scene.effects.get(Thrust) is not None,
             "control": scene.control is not None,
         }[what]
 
@@ -652,7 +655,7 @@ def _cycles(entries: Sequence[ScriptEntry], names: Mapping[str, int]) -> Iterato
 
 
 def _ties(scene: Any) -> dict[str, str]:
-    """What is fixed to bodies, by the names that a script has for it, and why it cannot be released."""
+    """Return, for each tie to a body, by its name in scripts, why it cannot be released."""
     ports, found = [name for name, one in scene.bodies.items() if one.motion == "port"], dict[str, str]()
     port = "is fixed to a port, whose mass its host counts: nothing is released from it"
     for name, body in scene.bodies.items():

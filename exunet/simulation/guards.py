@@ -257,8 +257,7 @@ class GuardValues:
         if not self.finite[k]:
             return "the state is not finite"
         if self.stretch[k] > STRETCH_BOUND:
-            words = f"an element is longer than {STRETCH_BOUND:g} times its length or the end of its table"
-            return f"{words}, the limit of the cable law"
+            return f"an element is longer than {STRETCH_BOUND:g} times its length, the limit of the cable law"
         if not abs(self.balance[k]) <= self.allowed[k]:
             change = "increased" if self.balance[k] > 0 else "decreased"
             words = f"the energy balance {change} by {abs(self.balance[k]):.3g} J"
@@ -447,6 +446,21 @@ def _most_stretched(system: System, state: State) -> str:
     i, j = net.element_nodes[element]
     words = f"the most stretched element is {element} between nodes {i} and {j}, "
     return f"{words}stretch {stretches[element]:.6g}, force {force:.3g} N; "
+
+
+def beyond_table(states: States, row: int) -> str:
+    """Return element, strain and remedy where a strain of a state exceeds its table most; "" if none does."""
+    net, law = states.system.net, states.law
+    bound = law.longest / law.natural_length
+    carrying = states.system.forces.cable.carrying(states.memory)
+    ends = (bound < STRETCH_BOUND) if carrying is None else (bound < STRETCH_BOUND) & (carrying > 0.0)
+    stretch = states.length[row] / law.natural_length
+    if law.number is None or not (stretch[ends] > bound[ends]).any():
+        return ""
+    element = int(np.argmax(np.where(ends, stretch / bound, 0.0)))
+    strain, last = (f"{values[element] - 1.0:.6g}" for values in (stretch, bound))
+    key = net.table_keys.get(int(law.number[element]), "table")
+    return f"element {element}: the strain {strain} is beyond the last of its table, {last}: extend {key}"
 
 
 SNAPPING, TURNING = "where cables snap taut", "for the rotation of a body"

@@ -29,6 +29,7 @@ from exunet.simulation.guards import (
     TURNING,
     Guards,
     GuardValues,
+    beyond_table,
     state_of_worst,
     step_advice,
     where_steps_fail,
@@ -609,13 +610,16 @@ class Monitor:
             self._accept(states[:bad], dissipated[:bad], before, values[:bad], marked[marked < bad])
             self.dissipated = float(dissipated[bad - 1])
         shown = states.state(bad) if values.finite[bad] else self.last_good
+        words = beyond_table(states, bad) if values.finite[bad] else ""
+        if words and not values.of_steps(bad):
+            raise RunStopped(f"stopped at t = {states.time[bad]:.6g} s: {words}")
         advice = LOAD_ADVICE
         if values.of_steps(bad):
             with np.errstate(all="ignore"):
                 where = TURNING if values.turns_too_fast(bad) else where_steps_fail(states[: bad + 1])
             advice = step_advice(self._plan, where)
         raise RunStopped(
-            f"diverged at t = {states.time[bad]:.6g} s: {values.words(bad)}; "
+            f"diverged at t = {states.time[bad]:.6g} s: {words or values.words(bad)}; "
             f"{state_of_worst(self._system, shown)}. {advice}",
             step_cause=values.of_steps(bad),
         )

@@ -24,7 +24,6 @@ from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import Law, elastic_energy, element_tension, lengths, spans
-from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
 from exunet.integrators.compiled.loop import CompiledLoop, loop_kernel
 from exunet.integrators.protocol import Arrays, Batch, Extremes, IntegrationFailed
@@ -165,7 +164,7 @@ def step_pilot_excluded(scene: Scene) -> str:
     """Return why pilot runs are excluded; "" if they are not."""
     if not numba_installed():
         return "Numba is not installed"
-    if not {"contact", "self_contact"}.isdisjoint(switched_on(scene.effects)):
+    if any(effect.COLLIDES for effect in scene.effects.on.values()):
         return "with contact, pilot runs would take too long"
     return ""
 

@@ -19,8 +19,9 @@ from exunet.bodies.rigid import RigidStates
 from exunet.bodies.touched import grooves
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.corner_units import MEMORY, Function, with_function
-from exunet.forces.effects import on_the_net_alone
-from exunet.forces.effects.contact import touched_bodies
+from exunet.forces.effects.contact import Contact
+from exunet.forces.effects.rayleigh_damping import RayleighDamping
+from exunet.forces.effects.self_contact import SelfContact
 from exunet.forces.from_outside import SCRIPT, counted, effects_of
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.on_bodies import wrench_on
@@ -304,8 +305,9 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
         wrong_steps += step_faults(scene, system, plan)
         faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
         faults += method_faults(system, state, plan)
-    if scene.bodies and (names := on_the_net_alone(scene.effects)):
-        notes += (f"act on net and tethers, not on bodies: {', '.join(names)}",)
+    alone = [name for name, effect in scene.effects.on.items() if effect.ON_THE_NET_ALONE]
+    if scene.bodies and alone:
+        notes += (f"act on net and tethers, not on bodies: {', '.join(alone)}",)
     if scene.launch is not None and "chaser" in scene.bodies and scene.initial.frame is None:
         notes += (NO_REACTION,)
     if scene.control is not None and scene.control.kind == "given":
@@ -325,7 +327,7 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
 def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
     """Yield notes on damping, named nodes, tethers without contact, and grooves between parts of a body."""
     effects = scene.effects
-    rayleigh = getattr(effects, "rayleigh_damping", None)
+    rayleigh = effects.get(RayleighDamping)
     if rayleigh is not None and rayleigh.beta:
         yield (
             "rayleigh_damping.beta also damps slack threads and rigid rotation (paper, eq. 13): "
@@ -335,14 +337,14 @@ def _effect_notes(scene: Scene, system: System) -> Iterator[str]:
         yield note
     yield from place_notes(scene, system.net)
     yield from cord_notes(scene)
-    if getattr(effects, "self_contact", None) is not None and scene.tethers:
+    if effects.get(SelfContact) is not None and scene.tethers:
         yield (
             "effects.self_contact acts between threads of the net and its strings: "
             f"tethers ({', '.join(scene.tethers)}) pass through each other and through the net"
         )
-    contact = getattr(effects, "contact", None)
+    contact = effects.get(Contact)
     for body in system.bodies:
-        if contact is None or body.shape is None or body.name not in touched_bodies(contact):
+        if contact is None or body.shape is None or body.name not in contact.touched_bodies():
             continue
         names = list(scene.bodies[body.name].parts)
         for k, m, depth in grooves(body.shape):

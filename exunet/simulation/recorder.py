@@ -15,7 +15,8 @@ from exunet.base.machine import MEMORY_VARIABLE, disk_left, memory_left
 from exunet.base.version import VERSION
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.shapes import packed
-from exunet.forces.effects import switched_on
+from exunet.forces.effects.gravity import Gravity
+from exunet.forces.effects.orbit import Orbit
 from exunet.integrators.exudyn.engine import exudyn_version
 from exunet.integrators.protocol import StepCounts
 from exunet.methods.method import Plan
@@ -308,7 +309,7 @@ def initial_record(start: Start) -> RunRecord:
         platform=platform.platform(),
         plan=start.plan,
         end=scene.time.end,
-        effects=tuple(sorted(switched_on(scene.effects))),
+        effects=tuple(sorted(scene.effects.on)),
         capture=scene.capture,
         units=units,
         can_break=system.forces.cable.switch is not None,
@@ -335,7 +336,7 @@ def initial_record(start: Start) -> RunRecord:
 
 def _up(start: Start) -> list[float]:
     """Return the unit vector against gravity, or along the radial of an orbit; empty without both."""
-    gravity, orbit = (getattr(start.scene.effects, name) for name in ("gravity", "orbit"))
+    gravity, orbit = start.scene.effects.get(Gravity), start.scene.effects.get(Orbit)
     up = np.zeros(3) if orbit is None else np.array(orbit.radial)
     up = up if gravity is None else -np.array(gravity.acceleration)
     return (up / np.linalg.norm(up)).tolist() if up.any() else []

@@ -22,7 +22,7 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import CaseError, Interrupted, RunStopped, collected
-from exunet.forces.effects import cross_checks
+from exunet.forces.effects import EFFECTS, cross_checks
 from exunet.model.effect_survey import Finding, chosen, finding, survey
 from exunet.results.metrics import DEPLOYMENT, STORED, Metric, metrics_of
 from exunet.results.observables import Observables
@@ -50,7 +50,7 @@ STARTS = 8  # runs with nothing changed but their errors
 
 @dataclass(frozen=True)
 class MeasureChange:
-    """What an effect's presence changes in a measure.
+    """Change of a measure by an effect.
 
     metric     : one of `COMPARED`
     value      : with the effect, less without it (the mean of the perturbed runs)
@@ -72,7 +72,7 @@ class MeasureChange:
 
 @dataclass(frozen=True)
 class _Noise:
-    """What errors alone change.
+    """Changes by errors alone.
 
     moved    : (n_times,) largest displacement [m]; infinite from when on a run had ended
     measures : of each run, that of the scene itself first, by name
@@ -176,10 +176,8 @@ def _settled(scene: Scene) -> Scene:
     """The scene with what effects.choose = "auto" has chosen, which then does not choose again."""
     with collected() as faults:
         scene, _ = chosen(scene, faults)
-    effects: Any = scene.effects
-    return scene.model_copy(
-        update={"effects": effects.model_copy(update={"choose": None, "threshold": None})}
-    )
+    effects = scene.effects.model_copy(update={"choose": None, "threshold": None})
+    return scene.model_copy(update={"effects": effects})
 
 
 def toggled(scene: Scene, found: Finding) -> Scene:
@@ -189,11 +187,10 @@ def toggled(scene: Scene, found: Finding) -> Scene:
             _noted(item) if CLOSING in (item.drive, _owner(item)) else item for item in scene.script
         )
         return scene.model_copy(update={"closing": None, "script": script})
-    effects: Any = scene.effects
-    switched = effects.model_copy(update={found.name: None if found.on else found.keys})
+    switched = scene.effects.model_copy(update={found.name: None if found.on else found.keys})
     update: dict[str, Any] = {"effects": switched}
-    if found.name == "launch_force" and not found.on:
-        update["launch"] = None  # in place of which it comes
+    if EFFECTS[found.name].REPLACES_LAUNCH and not found.on:
+        update["launch"] = None
     return scene.model_copy(update=update)
 
 

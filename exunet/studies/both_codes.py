@@ -23,7 +23,6 @@ from exunet.base.run_events import ElementBreak, ScriptEvent
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
 from exunet.integrators import integrator
 from exunet.integrators.exudyn.build import build
@@ -284,7 +283,7 @@ class Matched:
         return reference.Drawn(*(found or [first_order[..., :0]] * 2))
 
     def rigid_of(self, seen: Theirs | reference.Trajectory) -> tuple[Floats, Floats, Floats, Floats]:
-        """Of the rigid bodies, in exunet's order: what `reference.BodyStates` has of each.
+        """Return the states of the rigid bodies as `reference.BodyStates` has them, in exunet's order.
 
         Places and velocities (..., b, 3) of the centres of mass, attitudes (..., b, 3, 3) of the frames, and
         angular velocities (..., b, 3) in their axes.
@@ -331,7 +330,7 @@ class BothCodes(Matched):
     @property
     def effects(self) -> set[str]:
         """Names of the active effects."""
-        return set(switched_on(self.start.scene.effects))
+        return set(self.start.scene.effects.on)
 
     @property
     def moves_bodies(self) -> bool:

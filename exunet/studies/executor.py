@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import tempfile
@@ -21,12 +22,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+from exunet.base.arguments import shown
 from exunet.base.errors import ExunetError, InputError, Interrupted, MissingExtra, RunStopped
 from exunet.base.machine import installed_version, memory_left
 from exunet.base.version import VERSION
@@ -34,8 +36,9 @@ from exunet.results.io import save
 from exunet.results.metrics import metrics_of
 from exunet.results.observables import Observables
 from exunet.results.outcome import Outcome, outcome
-from exunet.scene.casefile import Case, parse_case
-from exunet.simulation.preparation import Start, prepare_case
+from exunet.scene.casefile import Case, case_of, parse_case
+from exunet.scene.scene import Scene
+from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.run import run
 from exunet.studies.ensemble import MOVE, perturbed_bodies_of, perturbed_positions
 from exunet.studies.inputs import OutputsConfig, as_toml
@@ -48,26 +51,31 @@ DEATHS = 2  # of processes, after which a run in flight has failed
 MAX_SENT = 20_000_000  # bytes of a mesh file that is sent to a cluster
 _HOPELESS = 6  # deaths before any run has ended
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_NOT_FOUND = (
+    "build: worker processes cannot import {}: define it in a module beside the script, or use workers=1"
+)
 
 Meshes = dict[tuple[int, str], tuple[str, bytes]]  # name and content, by number of the case and key
 
 
 class Job(NamedTuple):
-    """A run to be done: row, number of its case, replicate, number of its design, overrides."""
+    """A run to be done: row, number of its case, replicate, number of its design, overrides, inputs."""
 
     row: int
     run: int
     replicate: int
     design: int
     overrides: tuple[str, ...]
+    values: Mapping[str, Any]
 
 
 class Work(NamedTuple):
-    """What all jobs have in common: text and path of the case of each design, outputs, time limit [s]."""
+    """What all jobs have in common: cases (text, path) or a function or its pickle, outputs, limit [s]."""
 
     cases: tuple[tuple[str, str], ...]
     outputs: OutputsConfig
     limit: float | None
+    build: Callable[..., Any] | bytes | None = None
 
 
 @dataclass
@@ -88,9 +96,38 @@ class _LimitReached(Exception):
     pass
 
 
-def replicate_of(case: Case, replicate: int) -> Start:
+def built(build: Callable[..., Any], values: Mapping[str, Any], overrides: Sequence[str]) -> Case | Start:
+    """Return the case of what a function builds from values, with overrides, or the start.
+
+    Raises CaseError for an invalid scene, and InputError if the function fails or returns anything else.
+    """
+    call = f"build: {build.__qualname__}({', '.join(f'{name}={value!r}' for name, value in values.items())})"
+    try:
+        made = build(**values)
+    except ExunetError:
+        raise
+    except Exception as error:
+        raise InputError(f"{call} raised {type(error).__name__}: {error}") from error
+    if isinstance(made, Start):
+        if overrides:
+            raise InputError(f"{call} returned a Start, to which set does not apply: return a Scene")
+        return made
+    if not isinstance(made, Scene):
+        raise InputError(f"{call} must return a Scene or a Start (of exunet.prepare), got {shown(made)}")
+    return replace(case_of(made, "build", overrides), is_file=False)
+
+
+def pickled(build: Callable[..., Any]) -> bytes:
+    """Return a function as worker processes import it; raise InputError if they cannot."""
+    with suppress(AttributeError, pickle.PicklingError):
+        if build.__module__ != "__main__":
+            return pickle.dumps(build)
+    raise InputError(_NOT_FOUND.format(build.__qualname__))
+
+
+def replicate_of(case: Case | Start, replicate: int) -> Start:
     """Prepare a case, with a start perturbed by 1e-9 m for a replicate from 1 on."""
-    start = prepare_case(case)
+    start = start_of(case)
     if not replicate:
         return start
     seed, first = start.scene.seed, replicate - 1
@@ -109,9 +146,12 @@ def run_job(work: Work, job: Job, meshes: Mapping[str, str] | None = None) -> Do
 
     found, result = Done(job), None
     try:
-        text, path = work.cases[job.design]
-        more = [f"{key}={as_toml(place)}" for key, place in (meshes or {}).items()]
-        case = parse_case(text, Path(path), (*job.overrides, *more))
+        if callable(work.build):
+            case = built(work.build, job.values, job.overrides)
+        else:
+            text, path = work.cases[job.design]
+            more = [f"{key}={as_toml(place)}" for key, place in (meshes or {}).items()]
+            case = parse_case(text, Path(path), (*job.overrides, *more))
         start = replicate_of(case, job.replicate) if job.replicate else case
         result = run(start, None if work.limit is None else within_limit)
         observed = Observables(result)
@@ -140,6 +180,11 @@ def run_job(work: Work, job: Job, meshes: Mapping[str, str] | None = None) -> Do
 
 def run_portion(work: Work, jobs: Sequence[Job], meshes: Meshes | None = None) -> tuple[list[Done], int]:
     """Run jobs one after the other; returns what they led to, and the peak memory of the process [bytes]."""
+    if isinstance(work.build, bytes):
+        try:
+            work = work._replace(build=pickle.loads(work.build))
+        except (AttributeError, ImportError) as error:
+            raise InputError(_NOT_FOUND.format(f"the function ({error})")) from None
     places: dict[int, dict[str, str]] = {}
     for (design, key), (name, content) in (meshes or {}).items():
         place = Path(tempfile.gettempdir()) / f"exunet-{os.getpid()}-{design}-{key}-{name}"

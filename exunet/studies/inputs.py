@@ -181,11 +181,14 @@ class InputConfig(Record):
         """Return the names of the columns: the key, of a vector its length, then its components."""
         return [key, *(f"{key}[{k}]" for k in range(_COMPONENTS.get(self.kind, 0)))]
 
+    def value(self, key: str, sample: Mapping[str, Any]) -> Any:
+        """Return the value of the input in a sample, by column; a list of a vector or an attitude."""
+        columns = self.columns(key)
+        return [sample[name] for name in columns[1:]] if len(columns) > 1 else sample[key]
+
     def overrides(self, key: str, sample: Mapping[str, Any]) -> list[str]:
         """Return the overrides of a case for the values of a sample, by column."""
-        columns = self.columns(key)
-        value = [sample[name] for name in columns[1:]] if len(columns) > 1 else sample[key]
-        return [f"{name}={as_toml(value)}" for name in (key, *self.also)]
+        return [f"{name}={as_toml(self.value(key, sample))}" for name in (key, *self.also)]
 
 
 def as_toml(value: Any) -> str:
@@ -357,6 +360,10 @@ class StudyConfig(Record):
             yield Fault("designs", "requires different names")
         if (number := self.number_of_rows) > MAX_RUNS:
             yield Fault("inputs" if grid else "runs", f"{number:,} runs; at most {MAX_RUNS:,} are allowed")
+
+    def values(self, sample: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of a sample by input, lists of vectors and attitudes."""
+        return {key: item.value(key, sample) for key, item in self.inputs.items()}
 
     @property
     def points(self) -> int:

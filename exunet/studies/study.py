@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import inspect
 import json
 import math
 import os
@@ -11,7 +12,7 @@ import re
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -21,20 +22,21 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.fields import FieldInfo
 
-from exunet.base.arguments import takes
+from exunet.base.arguments import shown, takes
 from exunet.base.arrays import Bools, Floats, Ints
 from exunet.base.errors import CaseError, Fault, InputError, Interrupted, MissingExtra
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.base.key_path import KeyPath, closest, key_path
 from exunet.base.record import Record
 from exunet.base.validation import validated_record
+from exunet.forces.requirements import RestOfCase
 from exunet.results.outcome import Outcome
 from exunet.results.result import table
 from exunet.results.run_folder import held
-from exunet.scene.casefile import Case, parse_case, parse_record, place_of_override
+from exunet.scene.casefile import Case, case_of, parse_case, parse_record, place_of_override
 from exunet.scene.document import key_lines, read_text
 from exunet.scene.scene import Scene
-from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.preparation import Start, start_of
 from exunet.studies.executor import (
     ClusterLane,
     Done,
@@ -42,12 +44,22 @@ from exunet.studies.executor import (
     Lane,
     ProcessLane,
     Work,
+    built,
     lanes_on_this_machine,
+    pickled,
     replicate_of,
     run_jobs,
     versions,
 )
-from exunet.studies.inputs import NO_TURN, DesignConfig, InputConfig, Sample, Samples, StudyConfig
+from exunet.studies.inputs import (
+    NO_TURN,
+    DesignConfig,
+    InputConfig,
+    Sample,
+    Samples,
+    StudyConfig,
+    as_toml,
+)
 from exunet.studies.rows import FAILED, FIXED, INVALID, OK, RowFile, RowFiles, file_of
 
 if TYPE_CHECKING:
@@ -63,10 +75,13 @@ _CHUNK = 256  # samples that are drawn together
 _MENDS = {"solver.step": '; set = ["solver="] lets each run choose its step'}  # by key of the fault
 _NOT_IN_ALL = re.compile(r"capture_time_s|escape_time_s|first_break_s|script_.*|time_of_.*|.*_first_.*")
 _TYPES = {"choice": "", "values": "", "integer": "INTEGER"}  # "": as they are
+_OF_BULLETS: dict[str, Any] = {"launch.speed_factors": 1.0, "launch.tilts": [0.0, 0.0]}  # where absent
+_GOES_ON = "requires the function {}: call run of the same Study in Python, which goes on and has the cases"
 _NO_IDENTITY = {"title", "outputs", "time_limit", "case", "optimise"}  # keys that change no row
 
 Progress = Callable[[int, int], None]
 Cases = tuple[tuple[str, Path], ...]  # text and path
+Build = Callable[..., Scene | Start]
 
 
 class Study:
@@ -74,13 +89,15 @@ class Study:
 
     Parameters
     ----------
-    case : str or Path
-        Case file.
+    case : str, Path or Scene
+        Case file, or scene; not with build.
+    build : callable, optional
+        Function of the inputs as keyword arguments that returns a Scene, or a Start of `exunet.prepare`.
     design : {"random", "lhs", "grid", "saltelli"}
         How samples are chosen.
     inputs : mapping
-        By key of the case: a table such as {"normal": [8.0, 0.4]}, a frozen distribution of scipy.stats, or a
-        list, of a grid.
+        By key of the case, or by argument of build: a table such as {"normal": [8.0, 0.4]}, a frozen
+        distribution of scipy.stats, or a list, of a grid. A key with [*] stands for each item of a list.
     more
         Further keys of a study's file: runs, seed, set, designs, replicates, outputs, title, time_limit.
 
@@ -88,17 +105,33 @@ class Study:
     ------
     CaseError
         With all faults of the study.
+    InputError
+        For both or none of case and build, and a function that fails or returns something else.
     """
 
     def __init__(
-        self, case: str | Path, *, design: str = "random", inputs: Mapping[str, Any], **more: Any
+        self,
+        case: str | Path | Scene | None = None,
+        *,
+        build: Build | None = None,
+        design: str = "random",
+        inputs: Mapping[str, Any],
+        **more: Any,
     ) -> None:
-        path = path_of(case, "Study").resolve()
-        given = {"case": str(path), "design": design, "inputs": dict(inputs), **more}
+        if (case is None) == (build is None) or not (build is None or inspect.isfunction(build)):
+            raise InputError(
+                f"Study: requires either a case or a function as build, got build={shown(build)}"
+            )
+        made = case_of(case, "Study") if isinstance(case, Scene) else None
+        path = path_of(f"{build.__name__}.toml" if build else made.path if made else case, "Study").resolve()
+        inputs = dict(inputs) if isinstance(inputs, Mapping) else inputs
+        given = {"case": str(path), "design": design, "inputs": inputs, **more}
         config, found = validated_record(given, StudyConfig)
         if config is None:
             raise CaseError([Fault(".".join(map(str, paths[0])), words) for paths, words in found])
-        self._begin(config, path.parent)
+        if build is not None:
+            made = _first_built(build, config)
+        self._begin(config, path.parent, made=made.text if made else None, build=build)
 
     @classmethod
     def read(cls, path: str | Path, *, runs: int | None = None) -> Study:
@@ -113,9 +146,13 @@ class Study:
 
     @classmethod
     def of_folder(cls, folder: str | Path) -> Study:
-        """Return the study that has written into a folder, with its cases as their files are now."""
-        stored = RowFiles(path_of(folder, "Study.of_folder")).about("study")
-        return cls.__new__(cls)._begin(StudyConfig.model_validate(stored["config"]), Path(stored["folder"]))
+        """Return the study that has written into a folder, not of a function, with files as they are now."""
+        stored = (files := RowFiles(path_of(folder, "Study.of_folder"))).about("study")
+        if stored["build"]:
+            raise InputError(f"{folder}: {_GOES_ON.format(stored['build'])}")
+        config, base = StudyConfig.model_validate(stored["config"]), Path(stored["folder"])
+        made = next((text for text, path in files.about("cases") if path == config.case), None)
+        return cls.__new__(cls)._begin(config, base, made=made if stored["made"] else None)
 
     def _begin(
         self,
@@ -123,14 +160,45 @@ class Study:
         folder: Path,
         source: tuple[str, Path] | None = None,
         cases: Cases | None = None,
+        made: str | None = None,
+        build: Build | None = None,
     ) -> Study:
+        # made: text of the scene that the study has instead of a file; of a function that of its first sample
         self.config, self._folder, self._source = config, folder, source
+        self._made, self._build, self._function = made, build, build.__qualname__ if build else ""
         if cases is None:
             names = [design.case or config.case for design in config.designs] or [config.case]
-            cases = tuple((read_text(folder / name), (folder / name).resolve()) for name in names)
+            given = {} if made is None else {config.case: (made, Path(config.case))}
+            cases = tuple(
+                given.get(name) or (read_text(folder / name), (folder / name).resolve()) for name in names
+            )
         self._cases, self._valid = cases, False
         self._lines = key_lines(source[0]) if source else {}
+        if build is None and any("[*]" in key for key in config.inputs):
+            self._each()
         return self
+
+    def _each(self) -> None:
+        """Replace an input whose key has [*] by one for each item of the list."""
+        more, scene = list[str](), self._base(0).scene
+        for name, value in _OF_BULLETS.items():
+            given = any(key.startswith(f"{name}[*]") for key in self.config.inputs)
+            if given and scene.launch is not None and _find(scene, key_path(name))[0] is None:
+                values = [value] * RestOfCase(scene).n_bullets
+                more.append(f"{name}={as_toml(values)}")
+                scene = scene.replace({name: values})
+        try:
+            each = [(name, item) for key, item in self.config.inputs.items() for name in _items(scene, key)]
+        except ValueError as error:
+            raise CaseError([Fault("inputs", str(error), place=self._place("inputs"))]) from None
+        config = self.config.model_copy(update={"inputs": dict(each), "set": (*self.config.set, *more)})
+        twice = {name for k, (name, _) in enumerate(each) for other, _ in each[:k] if name == other}
+        faults = [
+            Fault(name, "has two inputs: remove one", place=self._place("inputs")) for name in sorted(twice)
+        ]
+        if faults := faults or list(config.faults()):
+            raise CaseError(faults)
+        self.config = config
 
     def variant(self, designs: Mapping[str, Sequence[str]], **more: Any) -> Study:
         """Return this study with designs, overrides by name, and other keys; samples are not validated."""
@@ -141,7 +209,7 @@ class Study:
         own = {"designs": tuple(listed), "optimise": None, "outputs": outputs, **more}
         cases = self._cases[:1] * len(listed)
         found = Study.__new__(Study)._begin(
-            self.config.model_copy(update=own), self._folder, self._source, cases
+            self.config.model_copy(update=own), self._folder, self._source, cases, self._made
         )
         found._valid = True
         return found
@@ -169,11 +237,15 @@ class Study:
     def _overrides(self, design: int) -> tuple[str, ...]:
         own = (*self.config.set, *(self.config.designs[design].set if self.config.designs else ()))
         # The compiled loop wherever it has the scene, whatever the case says.
-        return own if any(text.startswith("engine") for text in own) else ("engine.backend=auto", *own)
+        given = self._function or any(text.startswith("engine") for text in own)
+        return own if given else ("engine.backend=auto", *own)
+
+    def _parsed(self, design: int, overrides: Sequence[str]) -> Case:
+        return replace(parse_case(*self._cases[design], overrides), is_file=self._made is None)
 
     def _base(self, design: int, *more: str) -> Case:
-        """Return the case of a design without the inputs."""
-        return parse_case(*self._cases[design], (*self._overrides(design), *more))
+        """Return the case of a design without the inputs; of a function with those of the first sample."""
+        return self._parsed(design, (*self._overrides(design), *more))
 
     @cached_property
     def samples(self) -> Samples:
@@ -187,16 +259,20 @@ class Study:
 
     def overrides(self, run: int, sample: Sample) -> tuple[str, ...]:
         """Return the overrides of a case with the values of its inputs."""
-        own = (o for key, item in self.config.inputs.items() for o in item.overrides(key, sample))
+        inputs = self.config.inputs if self._build is None else {}
+        own = (o for key, item in inputs.items() for o in item.overrides(key, sample))
         return (*self._overrides(self.samples.design(run)), *own)
 
-    def case(self, run: int) -> Case:
-        """Return the case with this number, from 0."""
+    def case(self, run: int) -> Case | Start:
+        """Return the case with this number, from 0, or the start that a function builds."""
         return self.case_of(run, self.samples.of_runs([run])[0])
 
-    def case_of(self, run: int, sample: Sample) -> Case:
-        """Return the case with this number, for values of its inputs."""
-        return parse_case(*self._cases[self.samples.design(run)], self.overrides(run, sample))
+    def case_of(self, run: int, sample: Sample) -> Case | Start:
+        """Return the case with this number, or the start, for values of its inputs."""
+        overrides = self.overrides(run, sample)
+        if self._build is not None:
+            return built(self._build, self.config.values(sample), overrides)
+        return self._parsed(self.samples.design(run), overrides)
 
     def validate(self) -> None:
         """Raise CaseError for keys, distributions and samples with which runs would be refused.
@@ -207,7 +283,7 @@ class Study:
         for design in range(len(self._cases)):
             scene = self._base(design).scene
             over = {} if self.config.optimise is None else self.config.optimise.over
-            for key, item in (self.config.inputs | over).items():
+            for key, item in (self.config.inputs | over).items() if self._build is None else ():
                 faults |= dict.fromkeys(self._faults_of_input(design, scene, key, item))
         if found := list(faults) or self._faults_of_samples():
             raise CaseError(found)
@@ -237,7 +313,7 @@ class Study:
         number, failed, first = min(CHECKED, self.number_of_cases), 0, list[Fault]()
         for run, sample in enumerate(self.samples.of_runs(range(number))):
             try:
-                prepare_case(self.case_of(run, sample))
+                start_of(self.case_of(run, sample))
             except CaseError as error:
                 failed += 1
                 first = first or [self._of_sample(run, sample, fault) for fault in error.faults]
@@ -297,6 +373,9 @@ class Study:
             kept.pop("runs")
         for design, (text, _) in enumerate(self._cases):
             kept[f"case {design}"] = hashlib.sha256(text.encode()).hexdigest()
+        if self._build is not None:
+            with suppress(OSError):  # of a function without a file
+                kept["build"] = hashlib.sha256(inspect.getsource(self._build).encode()).hexdigest()
         for (design, key), path in self.mesh_files.items():
             kept[f"{key} {design}"] = hashlib.sha256(path.read_bytes()).hexdigest()
         found: dict[str, Any] = json.loads(json.dumps(kept | {"versions": versions()}))
@@ -339,6 +418,8 @@ class Study:
             On Ctrl-C; complete rows are stored.
         """
         folder, workers = path_of(folder, "run"), _validated(workers, shard)
+        if self._build is not None and client is None and workers > 1:
+            pickled(self._build)
         if any(folder.glob("study*.sqlite")):
             stored, own = RowFiles(folder).about("identity"), self.identity
             if changed := sorted(key for key in stored | own if stored.get(key) != own.get(key)):
@@ -357,12 +438,15 @@ class Study:
             with closing(RowFile(file)) as rows:
                 rows.note(study=self._about()["study"])
                 _Runner(self, rows, folder, shard, progress, note).run(workers, client)
-        return StudyTable(folder)
+        table = StudyTable(folder)
+        table.study._build = self._build
+        return table
 
     def _about(self) -> dict[str, Any]:
         text = self._source[0] if self._source else ""
         config = self.config.model_dump(mode="json", exclude_unset=True)
         study = {"config": config, "text": text, "name": self.name, "folder": str(self._folder.resolve())}
+        study |= {"made": self._made is not None, "build": self._function}  # type: ignore[dict-item]
         cases = [(text, str(path)) for text, path in self._cases]
         return {"study": study, "identity": self.identity, "cases": cases, "wall_s": 0.0, "workers": 1}
 
@@ -400,8 +484,10 @@ class _Runner:
             return
         config, used = self._study.config, 1
         cases = tuple((text, str(path)) for text, path in self._study._cases)
-        work = Work(cases, config.outputs, config.time_limit)
         alone = workers == 1 or len(self._left) == 1
+        build = self._study._build
+        sent = build if build is None or client is not None or alone else pickled(build)
+        work = Work(cases, config.outputs, config.time_limit, sent)
         first: Lane = Lane() if alone else ProcessLane()
         if client is not None:
             first = ClusterLane(client, self._study.mesh_files)
@@ -434,7 +520,8 @@ class _Runner:
             samples = study.samples.of_runs([run for run, _ in places])
             for number, (run, replicate), sample in zip(chunk, places, samples, strict=True):
                 self._inputs[number] = sample
-                yield Job(number, run, replicate, study.samples.design(run), study.overrides(run, sample))
+                overrides, values = study.overrides(run, sample), study.config.values(sample)
+                yield Job(number, run, replicate, study.samples.design(run), overrides, values)
 
     def _take(self, found: list[Done]) -> None:
         """Store the rows of a portion."""
@@ -471,8 +558,11 @@ class StudyTable:
         self.files = RowFiles(self.folder)
         stored, base = self.files.about("study"), Path(self.files.about("study")["folder"])
         cases = tuple((text, Path(path)) for text, path in self.files.about("cases"))
-        config, source = StudyConfig.model_validate(stored["config"]), (stored["text"], base / stored["name"])
-        self.study = Study.__new__(Study)._begin(config, base, source if stored["text"] else None, cases)
+        config = StudyConfig.model_validate(stored["config"])
+        source = (stored["text"], base / stored["name"]) if stored["text"] else None
+        made = cases[0][0] if stored["made"] else None
+        self.study = Study.__new__(Study)._begin(config, base, source, cases, made)
+        self.study._function = stored["build"]
         self.config = config
 
     def __len__(self) -> int:
@@ -626,8 +716,10 @@ class StudyTable:
             return dict(zip(names, values, strict=True))
         raise InputError(f"run: {run} is not there yet: exunet resume {self.folder}")
 
-    def case(self, run: int) -> Case:
+    def case(self, run: int) -> Case | Start:
         """Return the case of a run, from 0, whose `exunet.run` has the metrics of its row, bit by bit."""
+        if (name := self.study._function) and self.study._build is None:
+            raise InputError(f"{self.folder}: {_GOES_ON.format(name)}")
         row, sample = self.row(run), self.study.samples.of_runs([run])[0]
         for key, item in self.config.inputs.items():
             if item.frozen is not None or item.kind in (
@@ -654,6 +746,31 @@ class StudyTable:
 def name_of(run: int, replicate: int) -> str:
     """Return the name of a run in folders and tables: 17, or 17.3 of a replicate."""
     return f"{run}.{replicate}" if replicate else str(run)
+
+
+def _first_built(build: Build, config: StudyConfig) -> Case:
+    """Return the case of the first sample of a study of a function; raise CaseError for other inputs."""
+    signature = inspect.signature(build)
+    try:
+        signature.bind(**dict.fromkeys(config.inputs))
+    except TypeError as error:
+        raise CaseError([Fault("inputs", f"do not fit {build.__qualname__}{signature}: {error}")]) from None
+    own_keys = any(item.also for item in config.inputs.values()) or any(item.case for item in config.designs)
+    if config.optimise is not None or own_keys:
+        raise CaseError([Fault("build", "excludes optimise, also, and designs with a case")])
+    made = built(build, config.values(Samples(config, {}).of_runs([0])[0]), ())
+    return case_of(made.scene, "Study") if isinstance(made, Start) else made
+
+
+def _items(scene: Scene, key: str) -> list[str]:
+    """Return the keys that one with [*] stands for; raises ValueError if there is no list."""
+    before, each, after = key.partition("[*]")
+    if not each:
+        return [key]
+    value, _ = _find(scene, key_path(before))
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        raise ValueError(f"{before} is not a list of the case, which [*] requires")
+    return [name for k in range(len(value)) for name in _items(scene, f"{before}[{k}]{after}")]
 
 
 def _find(scene: Scene, path: KeyPath) -> tuple[Any, FieldInfo | None]:

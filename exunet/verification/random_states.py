@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,9 @@ from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import core_as_solid
 from exunet.forces import cable
 from exunet.forces.contact.self_contact import LEAST
-from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
 from exunet.forces.contact.sphere_contact import bullets_of, nodes_of
-from exunet.forces.effects import switched_on
-from exunet.forces.effects.self_contact import SelfContact, radii
+from exunet.forces.effects.contact import Contact
+from exunet.forces.effects.self_contact import SelfContact
 from exunet.forces.law import green_lagrange_strain
 from exunet.model.ejection import HELD
 from exunet.model.system import State, System
@@ -296,7 +295,7 @@ def in_contact(start: Start, count: int, random: np.random.Generator) -> Iterato
     assert body.shape is not None
     cores = [core_as_solid(solid, body.shape.edge_radius) for solid in body.shape.solids]
     net, allowed = start.net, start.system.blocks.surfaces[name].allowed
-    lines, thick = _lines(switched_on(start.scene.effects)["contact"], net)
+    lines, thick = _lines(start.scene.effects.get(Contact), net)
     size, n = 0.5 * float(net.reference_length.min()), len(lines)
     connected = len(np.unique(lines)) < lines.size and bool(np.any(lines[:, 0] != lines[:, 1]))
     groups = [np.arange(n)] if connected else list(np.arange(n)[:, None])
@@ -382,8 +381,9 @@ def threads_in_contact(start: Start, count: int, random: np.random.Generator) ->
 
     A third of the pairs is nearly parallel; some touch over an end.
     """
-    law = cast(SelfContact, switched_on(start.scene.effects)[SELF_CONTACT])
-    reach = 2.0 * float(radii(law, start.net).max())
+    law = start.scene.effects.get(SelfContact)
+    assert law is not None
+    reach = 2.0 * float(law.radii(start.net).max())
     ends, size = start.net.element_nodes, float(start.net.reference_length.mean())
     for number in range(count):
         position = np.array(start.position)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from exunet.forces.effects import switched_on
+from exunet.forces.effects.contact import Contact
 from exunet.model.energy import kinetic
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.ensemble import tracked_speeds
@@ -336,8 +336,8 @@ def closing_run(case: BothCodes, end: float | None = None) -> Iterator[Check]:
 
 def contact_run(case: BothCodes, end: float | None = None) -> Iterator[Check]:
     """Compare positions of nodes and body at four times of a run with contact, on the fastest backend."""
-    threads = switched_on(case.start.scene.effects)["contact"].threads  # type: ignore[attr-defined]
-    if threads and case.start.net.n_elements > 1:
+    contact = case.start.scene.effects.get(Contact)
+    if contact is not None and contact.threads and case.start.net.n_elements > 1:
         yield skipped("a run", "the reference takes many minutes where several threads touch a body")
         return
     times = np.linspace(0.0, end or case.start.scene.time.end, 4)

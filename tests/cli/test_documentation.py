@@ -22,7 +22,7 @@ import reference_impl as reference
 
 ROOT = CASES.parent
 README = ROOT / "README.md"
-PAGES = sorted((ROOT / "docs").glob("*.md"))
+PAGES = sorted(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts)
 
 
 def script(path: str) -> ModuleType:
@@ -48,20 +48,48 @@ def blocks(page: Path, language: str) -> list[str]:
 # Pages
 
 
-@pytest.mark.parametrize("name", ["api", "keys"])
+@pytest.mark.parametrize("name", ["api", "keys", "commands"])
 def test_generated_pages_are_up_to_date(name):
-    """docs/api.md from the docstrings, docs/keys.md from the records of the case format."""
-    generated = script(f"docs/build_{name}.py").page()
-    message = f"docs/{name}.md is not up to date: python docs/build_{name}.py"
-    assert (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") == generated, message
+    """From the docstrings, the records of the case format, and the help of the commands."""
+    builder = script(f"docs/build_{name}.py")
+    written = {page.name: page.read_text(encoding="utf-8") for page in builder.FOLDER.iterdir()}
+    assert written == builder.pages(), f"not up to date: python docs/build_{name}.py"
 
 
-@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.name)
-def test_pictures_and_links_exist_and_the_index_lists_the_page(page):
-    for target in re.findall(r"\]\((?!http)([^)#]+)\)", page.read_text(encoding="utf-8")):
+@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: str(page.relative_to(ROOT)))
+def test_pictures_and_links_exist(page):
+    for target in re.findall(r"\]\((?!http)([^)#]+)", page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), target
-    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
-    assert page.name == "README.md" or f"({page.name})" in index
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_pages_and_cells_of_tables_are_short(page):
+    """At most 400 lines, but of notebooks, and 200 characters in a cell."""
+    text = page.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 400 or "{code-cell}" in text
+    text = re.sub(r"^```.*?^```|\]\(.*?\)", "", text, flags=re.DOTALL | re.MULTILINE)
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    cells = (cell.strip() for row in rows for cell in re.split(r"(?<!\\)\|", row))
+    assert not [cell for cell in cells if len(cell) > 200]
+
+
+def test_names_in_a_text_that_exunet_does_not_have_are_errors():
+    """Their table, group or command is the page of the others, by the case format and `exunet.API`."""
+    pytest.importorskip("sphinx")
+    from checked_names import Unknown, target
+
+    known = {
+        "[effects.contact]": ("reference/keys/contact", "effectscontact"),
+        "bodies.sat.parts[2].radius": ("reference/keys/bodies", "bodiesnamepartsname"),
+        "--set time.end=3": ("reference/keys/run", "time"),
+        "exunet.save_view(result)": ("reference/python/figures", "exunetsave_view"),
+        "exunet run CASE --check -o DIR": ("reference/commands/run", ""),
+        "result.time": None,
+    }
+    assert {text: target(text) for text in known} == known
+    for text in ("[effects.contacts]", "bodies.sat.sizes", "time.end.x", "exunet.saves", "exunet run --chek"):
+        with pytest.raises(Unknown):
+            target(text)
 
 
 @pytest.fixture
@@ -88,16 +116,19 @@ def test_python_examples_of_the_readme_run(shown, tmp_path):
 
 
 def test_python_examples_of_the_step_api_run(shown):
-    printed = shown("docs/simulation.md")
+    printed = shown("docs/how_to/simulation.md")
     balance = re.search(r"energy balance: (\S+) J", printed)
     assert balance is not None
     assert abs(float(balance[1])) < 1e-10  # round-off: no cable is taut yet
-    assert printed.endswith("ok 201\n")
+
+
+def test_python_examples_of_checkpoints_run(shown):
+    assert shown("docs/how_to/resume.md") == "ok 201\n"
 
 
 def test_python_examples_of_scenes_run(shown):
     """81 knots, 4 bullets with strings of one element, and 6 nodes of a tether that ends at the net."""
-    printed = shown("docs/scenes.md").splitlines()
+    printed = shown("docs/how_to/scenes.md").splitlines()
     assert printed[0].startswith("Scene(title='Capture of a tumbling box'")
     assert printed[1] == "scene.toml 5 91"
 
@@ -106,19 +137,19 @@ def test_python_examples_of_scenes_run(shown):
 def test_python_examples_of_corner_units_run(shown):
     """Braked towards their mean, which rests, by exp(-0.5 t / m) of 0.512 kg, 2.5 m/s to 2.265 m/s."""
     part = (1.0 - 0.02 * 0.5 / 0.5123512) ** 5  # the mass to seven digits
-    speed = float(shown("docs/control.md").split()[0].strip("["))
+    speed = float(shown("docs/how_to/control.md").split()[0].strip("["))
     assert speed == pytest.approx(2.5 * part, abs=1e-7)
 
 
 @pytest.mark.slow
 def test_python_examples_of_environments_run(shown):
     pytest.importorskip("gymnasium")
-    assert shown("docs/environment.md").startswith("2.0 s, return -")
+    assert shown("docs/how_to/environment.md").startswith("2.0 s, return -")
 
 
 def test_the_cases_of_the_tutorial_are_valid(tmp_path):
     """Its first block is a case, with its second block a capture."""
-    net, capture = blocks(ROOT / "docs" / "tutorial.md", "toml")
+    net, capture = blocks(ROOT / "docs" / "tutorials" / "tutorial.md", "toml")
     (tmp_path / "net.toml").write_text(net)
     (tmp_path / "capture.toml").write_text(net + capture)
     assert exunet.load(tmp_path / "net.toml").scene.capture is None
@@ -143,7 +174,7 @@ def printed(command: str, folder: Path) -> str:
 
 @pytest.mark.ci
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/tutorials/tutorial.md"])
 def test_what_a_page_shows_is_printed(page: str, tmp_path: Path) -> None:
     """Each row of a block after a command is in its output, wall times apart."""
     (tmp_path / "cases").symlink_to(CASES)
@@ -172,7 +203,7 @@ def test_the_page_on_verification_lists_the_cases_that_the_reference_does_not_kn
                 refused.setdefault(path.parent.name, set()).add(path.stem)
     missions = {path.stem for path in (CASES / "missions").glob("*.toml")}
     known = missions - refused.pop("missions")
-    page = (ROOT / "docs" / "verification.md").read_text("utf-8")
+    page = (ROOT / "docs" / "explanation" / "verification.md").read_text("utf-8")
     (sentence,) = (part for part in page.split(". ") if "`cases/missions/`" in part and "`satellite`" in part)
     named = set(re.findall(r"`(\w+)`", sentence))
     assert named - known == set().union(*refused.values())
@@ -187,6 +218,17 @@ def test_example_push_a_bullet():
     """1 N on 0.5 kg for 0.1 s, then 0.05 s on: 1/2 a t^2 + a t s = 10 mm + 10 mm; the string is slack."""
     mass = exunet.prepare(exunet.load(PLANAR).scene).net.mass[0]
     assert example("push_a_bullet").main() == pytest.approx(0.01 / mass, rel=1e-3)
+
+
+def test_example_own_force():
+    """A force inside the system keeps momentum to round-off; what it stores and takes out is balanced."""
+    compiled, exudyn = (example("own_force").main(backend) for backend in ("compiled", "exudyn"))
+    for result in (compiled, exudyn):
+        momentum = 80.0 * result.bodies["chaser"].velocity[:] + result.net.mass @ result.velocity[:]  # 80 kg
+        assert np.abs(momentum - momentum[0]).max() < 1e-12
+        assert np.diff(result.dissipated).min() > 0.0
+        assert exunet.energy_balance(result) < 1e-9  # solver.accuracy = 1e-6
+    assert np.abs(compiled.position[:] - exudyn.position[:]).max() < 1e-9
 
 
 @pytest.mark.slow

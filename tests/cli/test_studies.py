@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import importlib
 import os
 import re
 import signal
@@ -11,7 +12,7 @@ import sys
 import time
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -631,3 +632,109 @@ def test_rows_are_of_the_compiled_loop_unless_set_names_a_backend() -> None:
     for given, backend in (((), "auto"), (("engine.backend=exudyn",), "exudyn")):
         study = Study(PLANAR, design="random", runs=2, set=given, inputs=inputs)
         assert study.case(0).scene.engine.backend == backend
+
+
+# Scenes from Python
+
+
+def throw(speed: float, mass: float = 0.5) -> exunet.Scene:
+    changes = {"launch.radial_speed": speed, "net.bullets.mass": mass}
+    return exunet.Scene.load(PLANAR, SHORT).replace(changes)
+
+
+def blown(wind: float) -> exunet.Start:
+    """A force of one's own on the first node, which no scene has."""
+    term = exunet.KernelTerm("nodes", add_wind, Wind(wind))
+    return exunet.prepare(exunet.Scene.load(PLANAR, SHORT)).with_forces(lambda blocks: [term])
+
+
+class Wind(NamedTuple):
+    force: float  # N
+
+
+def add_wind(t: float, x: Any, v: Any, wind: Any, force: Any) -> None:
+    force[2] += wind.force
+
+
+@pytest.mark.parametrize(("build", "name"), [(throw, "speed"), (blown, "wind")])
+def test_rows_of_a_function_are_runs_of_what_it_returns(build: Any, name: str, tmp_path: Path) -> None:
+    inputs = {name: {"uniform": [2.0, 3.0]}}
+    for runs in (2, 3):  # the same function goes on
+        table = Study(build=build, inputs=inputs, runs=runs).run(tmp_path, workers=1)
+    assert len(table) == 3
+    row = table.row(2)
+    for case in (build(row[name]), table.case(2)):
+        measured = exunet.metrics(exunet.run(case))
+        assert {key: metric.value for key, metric in measured.items()} == {
+            key: row[key] for key in table.metrics
+        }
+    with pytest.raises(InputError, match="build"):  # another source
+        Study(build=lambda **values: build(**values), inputs=inputs, runs=3).run(tmp_path, workers=1)
+    for refused in (lambda: StudyTable(tmp_path).case(0), lambda: Study.of_folder(tmp_path)):
+        with pytest.raises(InputError, match=build.__name__):
+            refused()
+
+
+def test_functions_that_build_nothing_are_refused(tmp_path: Path) -> None:
+    inputs = {"speed": {"uniform": [2.0, 3.0]}}
+    refused: list[tuple[Any, dict[str, Any], type[Exception]]] = [
+        (lambda speed: {}, {}, InputError),
+        (lambda speed: 1 / 0, {}, InputError),
+        (lambda speed: throw(speed, mass=-1.0), {}, CaseError),
+        (lambda sped: throw(sped), {}, CaseError),
+        (lambda speed, other: throw(speed), {}, CaseError),
+        (lambda speed: blown(speed), {"set": ["time.end=0.1"]}, InputError),
+        (lambda speed: throw(speed), {"workers": 2}, InputError),  # which no other process can import
+        (throw, {"case": PLANAR}, InputError),
+        (3, {}, InputError),
+    ]
+    for build, more, kind in refused:
+        workers = more.pop("workers", 1)
+        with pytest.raises(kind):
+            Study(build=build, inputs=inputs, runs=2, **more).run(tmp_path, workers=workers)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_workers_import_the_module_of_a_function(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "module_of_throws.py"
+    path.write_text(
+        f"import exunet\n\n\ndef throw(speed):\n    scene = exunet.Scene.load({str(PLANAR)!r}, {SHORT!r})\n"
+        "    return scene.replace({'launch.radial_speed': speed})\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    build = importlib.import_module(path.stem).throw
+    study = Study(build=build, inputs={"speed": {"uniform": [2.0, 3.0]}}, runs=4)
+    one, two = (study.run(tmp_path / str(workers), workers=workers) for workers in (1, 2))
+    assert contents(one) == contents(two)
+    path.unlink()
+    with pytest.raises(InputError, match="module"):
+        study.run(tmp_path / "without", workers=2)
+
+
+def test_a_study_of_a_scene_is_that_of_its_file(alone: StudyTable, tmp_path: Path) -> None:
+    scene = exunet.Scene.load(PLANAR, SHORT)
+    Study(scene, inputs=SPEED, runs=3, seed=1).run(tmp_path, workers=1)
+    found = Study(scene, inputs=SPEED, runs=6, seed=1).run(tmp_path, workers=1)
+    assert contents(found) == contents(alone)
+    assert contents(Study.of_folder(tmp_path).run(tmp_path, workers=1)) == contents(alone)
+
+
+def test_each_bullet_has_a_draw_of_its_own(tmp_path: Path) -> None:
+    """Factors begin at 1 and tilts at 0 where the case has none; each entry is an input like any other."""
+    factor, angle = {"normal": [1.0, 0.02]}, {"normal": [0.0, 0.02]}
+    each = {"launch.speed_factors[*]": factor, "launch.tilts[*][1]": angle}
+    single = {f"launch.speed_factors[{k}]": factor for k in range(4)}
+    single |= {f"launch.tilts[{k}][1]": angle for k in range(4)}
+    bare = ["launch.speed_factors=[1,1,1,1]", "launch.tilts=[[0,0],[0,0],[0,0],[0,0]]"]
+    table = planar(each, runs=2).run(tmp_path / "each", workers=1)
+    other = planar(single, runs=2, set=[*SHORT, *bare]).run(tmp_path / "single", workers=1)
+    assert contents(table) == contents(other)
+    launch = table.case(1).scene.launch
+    assert launch is not None
+    assert launch.speed_factors == tuple(table.row(1)[f"launch.speed_factors[{k}]"] for k in range(4))
+    assert len(set(launch.speed_factors)) == 4
+    assert [tilt[0] for tilt in launch.tilts or ()] == [0.0] * 4
+    for wrong in ({"launch.radial_speed[*]": factor}, each | {"launch.speed_factors[2]": factor}):
+        with pytest.raises(CaseError, match="launch"):
+            planar(wrong)

@@ -255,7 +255,7 @@ def test_the_ledger_notes_that_a_guard_stopped_the_net(tmp_path: Path) -> None:
 
 
 class Puck(Host):
-    """A body that does not rotate, as docs/coupling.md shows it: the fewest methods that a host needs."""
+    """A body that does not rotate, as coupling.md shows it: the fewest methods that a host needs."""
 
     def __init__(self, mass: float, state: FrameState) -> None:
         self.mass, self.now, self.state = mass, 0.0, state

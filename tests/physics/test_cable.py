@@ -17,7 +17,8 @@ from exunet.forces import cable, law, loops
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import OVERSHOOT, Breaking, CableTerm, ElementLaw, breaking_lengths
-from exunet.forces.effects import EFFECTS, bending, breaking
+from exunet.forces.effects import bending, breaking
+from exunet.forces.effects.thermal_strain import ThermalStrain
 from exunet.forces.law import tension
 from exunet.forces.total import Forces
 from exunet.integrators.exudyn.probe import Probe
@@ -369,7 +370,7 @@ def test_bending_is_blind_to_rigid_motions_and_agrees_with_the_rotational_spring
             listed([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0]], [[0, 1], [1, 2]], 1.0)
         )
     ).net  # fmt: skip
-    (term,) = bending.terms(bending.Bending(modulus=3e9), Blocks.of_net(net))
+    (term,) = bending.Bending(modulus=3e9).terms(Blocks.of_net(net))
     bent = np.array(
         [[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5 * math.cos(0.8), 0.5 * math.sin(0.8), 0.0]]
     ).ravel()
@@ -407,9 +408,9 @@ def test_thermal_strain_pulls_with_ea_times_strain() -> None:
 
 
 def test_a_warm_cable_is_longer_before_it_pulls() -> None:
-    keys = EFFECTS["thermal_strain"].ThermalStrain(temperature_change=100.0, expansion_coefficient=1e-5)
+    keys = ThermalStrain(temperature_change=100.0, expansion_coefficient=1e-5)
     net = thread(1).net
-    forces = Forces.of(net, EFFECTS["thermal_strain"].terms(keys, Blocks.of_net(net)))
+    forces = Forces.of(net, keys.terms(Blocks.of_net(net)))
     assert forces.cable.law.natural_length == pytest.approx(1.001, rel=1e-12)
 
 
@@ -459,12 +460,12 @@ def test_the_limit_of_a_cable_with_a_free_strain(
 ) -> None:
     """At the breaking length the tension is the limit: of a strain e EA e sqrt(1 + 2 (e + free))."""
     net, keys = thread(1).net, breaking.Breaking.model_validate(limit)
-    changes = (*breaking.terms(keys, Blocks.of_net(net)), ElementLaw(free_strain=np.array([free])))
+    changes = (*keys.terms(Blocks.of_net(net)), ElementLaw(free_strain=np.array([free])))
     term = Forces.of(net, changes).cable
     force = force or 1e3 * 0.02 * math.sqrt(1.0 + 2.0 * (0.02 + free))
     pull = tension(breaking_lengths(term), term.law.natural_length, term.law.stiffness)
     assert pull == pytest.approx(force, rel=1e-12)
-    assert breaking.limits(keys, net, free) == pytest.approx(force, rel=1e-12)
+    assert keys.breaking_limits(net, free) == pytest.approx(force, rel=1e-12)
 
 
 def test_laws_by_length_and_by_squared_length_agree() -> None:

@@ -270,9 +270,14 @@ def test_laws_are_refused_where_they_are_not_modelled(text: str, key: str, tmp_p
 
 @pytest.mark.parametrize("backend", ["exudyn", "compiled"])
 def test_a_run_stops_at_the_end_of_a_table(backend: str) -> None:
-    """A snap that takes 79 N of a thread whose table ends at 60 N, at a strain of 6 %."""
-    with pytest.raises(RunStopped, match=r"element is 0 .*stretch 1\.06"):
-        ran(apart(5.0, 0.1, table_of([[0.0, 0.0], [0.06, 60.0]])), backend)
+    """A snap that takes 79 N of a thread whose table ends at 60 N, at a strain of 6 %; a tether, likewise."""
+    short = table_of([[0.0, 0.0], [0.06, 60.0]])
+    with pytest.raises(RunStopped, match=r"element 0: .* 0\.06\d+ .* 0\.06: .* net\.cable\.table"):
+        ran(apart(5.0, 0.1, short), backend)
+    ends = {"start": {"node": 0}, "end": {"node": 1}}
+    case = apart(5.0, 0.1, HOOKE | {"youngs_modulus": 1.0}, tethers={"line": short | {"length": 1.0} | ends})
+    with pytest.raises(RunStopped, match=r"element 1: .* 0\.06\d+ .* 0\.06: .* tethers\.line\.table"):
+        ran(case, backend)
 
 
 def _toml(case: dict[str, Any]) -> str:

@@ -19,7 +19,6 @@ from exunet.forces.contact.estimate import (
     speed_of_threads,
 )
 from exunet.forces.contact.law import Friction
-from exunet.forces.effects import switched_on
 from exunet.forces.effects.contact import Contact
 from exunet.forces.estimate import Approach, EstimateBasis
 from exunet.model.build import system_of
@@ -43,8 +42,8 @@ OPENS = (
 def first_approach(scene: Scene, what: str) -> tuple[Approach, EstimateBasis]:
     """Of "threads" or "bullets" to the touched body."""
     system, state = system_of(scene, [])
-    basis, keys = setting_of(scene, "contact"), switched_on(scene.effects)["contact"]
-    assert isinstance(keys, Contact)
+    basis, keys = setting_of(scene, "contact"), scene.effects.get(Contact)
+    assert keys is not None
     found, *_ = (item for item in approaches(keys, basis, system, state) if item.what == what)
     return found, basis
 

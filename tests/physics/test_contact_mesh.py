@@ -13,7 +13,9 @@ from scenes import OUTLINE, body_of, contact_of, extruded, surface
 from scipy.optimize import nnls
 
 from exunet.base.errors import CaseError
+from exunet.bodies import mesh_core
 from exunet.bodies.distance import polyhedron
+from exunet.bodies.mesh_core import core_of_mesh
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.touched import SampledCore, surface_of_mesh
@@ -24,8 +26,6 @@ from exunet.forces.contact.segment_surface import (
 )
 from exunet.forces.contact.signed_distance import any_core_gradient, convex_distance, sampled_distance
 from exunet.forces.cores import BLOCK, BRICK, SAMPLED, STENCIL, Cores, Surface, no_samples
-from exunet.model import mesh_core
-from exunet.model.mesh_core import core_of_mesh
 from exunet.results.penetration import touch_mesh
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
 from scenes import (
     CASES,
     EFFECT_CASES,
@@ -23,9 +22,8 @@ from scenes import (
 )
 
 from exunet.base.errors import CaseError
-from exunet.base.record import config_of
 from exunet.forces.cable_term import ElementLaw
-from exunet.forces.effects import EFFECTS, cross_checks, launch_force, material_damping, orbit
+from exunet.forces.effects import EFFECTS, Effects, cross_checks, launch_force, material_damping, orbit
 from exunet.forces.environment import EARTH_RADIUS
 from exunet.forces.estimate import EstimateBasis, hardest_strain, snap_of
 from exunet.forces.linear_term import LinearTerm
@@ -43,11 +41,6 @@ SOFT = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8}
 
 BALL = {"shape": "sphere", "radius": 0.5, "mass": 10.0, "position": [0.0, 0.0, 2.0]}
 OF_BODIES = {"contact"}  # without a body there is nothing to touch; contact has tests of its own
-
-
-def validated(module: Any, keys: dict[str, Any]) -> Any:
-    """The record of an effect."""
-    return TypeAdapter(config_of(module)).validate_python(keys)
 
 
 def case(on: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
@@ -78,8 +71,7 @@ def subset(seed: int) -> tuple[str, ...]:
         names.append("orbit")
     while True:
         scene = Scene.model_validate(case())
-        keys = {name: validated(EFFECTS[name], STRONG[name]) for name in names}
-        update: dict[str, Any] = {"effects": scene.effects.model_copy(update=keys)}
+        update: dict[str, Any] = {"effects": Effects(**{name: STRONG[name] for name in names})}
         if "launch_force" in names:
             update["launch"] = None
         wrongs = list(cross_checks(scene.model_copy(update=update)))
@@ -244,10 +236,10 @@ def test_a_launch_lags_behind_by_its_stroke_or_makes_the_way() -> None:
     )
     basis = opening(0.4)
     part = math.sqrt(16.0 / 24.0)
-    flying = launch_force.magnitude(keys, basis)
+    flying = keys.magnitude(basis)
     assert flying.displacement == pytest.approx(0.1 * part, rel=1e-12)
     still = EstimateBasis(basis.net, 0.4, basis.position, np.zeros((9, 3)))
-    launched = launch_force.magnitude(keys, still)
+    launched = keys.magnitude(still)
     assert launched.displacement == pytest.approx(math.sqrt(2.0 * 3.0 / 4.0) * 0.4 * part, rel=1e-12)
     assert flying.acceleration == launched.acceleration == pytest.approx(60.0 / 4.0 * part, rel=1e-12)
 
@@ -258,7 +250,7 @@ def test_material_damping_takes_speed_in_the_hardest_snap() -> None:
     snap = snap_of(basis)
     for ratio in (0.1, 0.7, 1.5):
         keys = material_damping.MaterialDamping(relaxation_time=2.0 * ratio / snap.frequency)
-        found = material_damping.magnitude(keys, basis)
+        found = keys.magnitude(basis)
         lost = 1.0 - math.exp(-math.pi * ratio) if ratio < 1.0 else 1.0
         assert found.displacement == pytest.approx(lost * basis.speed * 0.2, rel=1e-12)
         assert found.acceleration == pytest.approx(2.0 * ratio * snap.frequency * basis.speed, rel=1e-12)
@@ -270,10 +262,10 @@ def test_the_orbit_accelerates_the_nominal_motion_as_its_forces_do() -> None:
         {"mean_motion": 2.0, "radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0], "model": "linear"}
     )
     basis = chain()
-    (term,) = orbit.terms(keys, basis.blocks)
+    (term,) = keys.terms(basis.blocks)
     force = -(term.gyroscopic @ basis.motion.ravel()) - term.stiffness @ basis.middle.ravel()
     wanted = basis.of_force(force.reshape(-1, 3))
-    found = orbit.magnitude(keys, basis)
+    found = keys.magnitude(basis)
     assert found.acceleration == pytest.approx(wanted, rel=1e-12)
     assert found.displacement == pytest.approx(basis.ballistic(wanted), rel=1e-12)
 
@@ -281,7 +273,7 @@ def test_the_orbit_accelerates_the_nominal_motion_as_its_forces_do() -> None:
 PLANAR = CASES / "planar_deployment.toml"
 IN_ORBIT = EFFECT_CASES / "orbit.toml"
 
-# Case, overrides, effect: the list of docs/effects.md, in its order.
+# Case, overrides, effect: the list of docs/explanation/effects.md, in its order.
 EARLY = ("time.end=1.2", "time.output_step=0.05")
 EARLIER = ("time.end=0.5", "time.output_step=0.05")  # before snaps multiply what is so small
 PAIRS: list[tuple[str, tuple[str, ...], str]] = [
@@ -392,7 +384,7 @@ def test_every_effect_is_estimated_on_every_case(path: Path) -> None:
         if key is None or getattr(item.keys, key) is None:
             continue
         twice = item.keys.model_copy(update={key: (2.0 * np.array(getattr(item.keys, key))).tolist()})
-        more = EFFECTS[item.name].magnitude(twice, basis)
+        more = twice.magnitude(basis)
         assert more.acceleration == pytest.approx(2.0 * item.estimate.acceleration, rel=1e-3)
 
 
@@ -416,7 +408,7 @@ def test_speeds_count_as_often_as_the_law_of_each_drag_says() -> None:
 
 def test_auto_switches_on_what_matters() -> None:
     start = prepare(load(EFFECT_CASES / "auto.toml", ["effects.threshold=3e-3"]).scene)
-    on = {name for name in EFFECTS if getattr(start.scene.effects, name) is not None}
+    on = set(start.scene.effects.on)
     assert "mass_damping" in on
     assert not on & {"orbit", "solar_pressure"}
     linear = start.system.forces.linear

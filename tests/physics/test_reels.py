@@ -134,7 +134,7 @@ def outlet(**given: Any) -> reel.Outlet:
     ],
 )
 def test_the_law_of_the_drive(drive: Drive, pull: float, rate: float) -> None:
-    """docs/theory_bodies.md, Reels; far from both limits of length."""
+    """docs/explanation/theory_bodies.md, Reels; far from both limits of length."""
     asked = outlet(rate_at_most=drive.rate, **{k: v for k, v in vars(drive).items() if k != "rate"})
     assert reel.winding_rate(1.5, pull, asked) == pytest.approx(rate)
 

@@ -406,7 +406,7 @@ def test_the_throw_turns_the_chaser() -> None:
 @pytest.mark.ci
 @pytest.mark.slow
 def test_the_tow_pays_out_and_winds_up() -> None:
-    """The pull is that of the drive, docs/theory_bodies.md, Reels: N_e = force + damping x rate given way."""
+    """The pull is that of the drive, theory_bodies.md, Reels: N_e = force + damping x rate given way."""
     found = ran("tow")
     assert_momentum_stays(found)
     total = found.kinetic + found.elastic + found.potential + found.dissipated

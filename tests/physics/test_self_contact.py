@@ -34,7 +34,7 @@ from exunet.forces.contact.segment_segment import (
 )
 from exunet.forces.contact.self_contact import neighbours_of, threads_together
 from exunet.forces.contact.status import Status, status_of
-from exunet.forces.effects.self_contact import first_order_states
+from exunet.forces.effects.self_contact import SelfContact
 from exunet.forces.terms import KernelTerm
 from exunet.simulation.simulation import Simulation
 
@@ -57,7 +57,9 @@ def pair_of(*lines: Any, damping: float = 0.0, overlapping: bool = False) -> tup
     of = net(places, np.arange(2 * number).reshape(-1, 2))
     of = replace(of, mass=np.ones(2 * number), is_string=np.zeros(number, bool))
     far = 10.0 * (np.arange(2 * number)[:, None] // 2)  # so that nothing overlaps at the start
-    blocks = Blocks.of(of, places + (0.0 if overlapping else far), (), states=first_order_states(None))  # type: ignore[arg-type]
+    blocks = Blocks.of(
+        of, places + (0.0 if overlapping else far), (), states=SelfContact.first_order_states(None)
+    )  # type: ignore[arg-type]
     return threads_together(blocks, np.full(number, RADIUS), STIFFNESS, damping), blocks
 
 

@@ -669,7 +669,7 @@ def test_the_template_with_an_effect_on_is_a_valid_case(effect: str, tmp_path: P
     needed = ["effects.orbit"] if effect == "j2" else []
     needed += ["bodies.target"] if effect == "contact" else []
     changes = {"launch_force": ["launch"]}.get(effect, [])  # which it replaces
-    changes += [] if getattr(EFFECTS[effect], "NEEDS_BULLETS", False) else ["launch", "net.bullets"]
+    changes += [] if EFFECTS[effect].NEEDS_BULLETS else ["launch", "net.bullets"]
     scene = switched(
         "square",
         lambda name: name in (f"effects.{effect}", *needed),

@@ -1,4 +1,4 @@
-"""Nets cut to an outline: against what docs/theory.md says of them, written apart, and by hand."""
+"""Nets cut to an outline: against what theory.md says of them, written apart, and by hand."""
 
 from __future__ import annotations
 
@@ -271,7 +271,7 @@ def test_the_shipped_case_flies_until_its_strings_snap() -> None:
 
 
 def test_angles_of_the_corners() -> None:
-    """docs/theory.md: 45 + 90 k, 60 k, 22.5 + 45 k, 360 k / corners degrees."""
+    """docs/explanation/theory.md: 45 + 90 k, 60 k, 22.5 + 45 k, 360 k / corners degrees."""
     first = {"square": 45.0, "hexagon": 0.0, "octagon": 22.5, "circle": 0.0}
     for outline, number in OUTLINES.items():
         found = mesh(keys(outline, "square"))

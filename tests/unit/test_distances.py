@@ -247,7 +247,7 @@ FIRST = {
     "hexagon": (6, 0.0),
     "octagon": (8, 22.5),
     "circle": (7, 0.0),
-}  # docs/theory.md
+}  # docs/explanation/theory.md
 
 
 def made(shape: str) -> Outline:

@@ -1,4 +1,4 @@
-"""The code of docs/extending.md in a copy of the package, and its tests there."""
+"""The code of extending.md and write_a_metric.md in a copy of the package, and its tests there."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+NAMES = ("extending", "write_a_metric")
+PAGE = "\n".join((ROOT / "docs" / "how_to" / f"{name}.md").read_text(encoding="utf-8") for name in NAMES)
 FILES = re.findall(r"^```python\n# (\S+)\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
 CHANGES = re.findall(r"^```diff\n--- (\S+)\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
 
@@ -26,7 +27,7 @@ def only_line(name: str, lines: list[str], text: str) -> int:
     """The number of the one line that a text stands for."""
     found = [k for k, line in enumerate(lines) if stands_for(text, line)]
     there = f"in {name} {len(found)} times, not once" if found else f"not in {name}"
-    assert len(found) == 1, f"docs/extending.md names a line that is {there}: {text!r}"
+    assert len(found) == 1, f"docs/how_to names a line that is {there}: {text!r}"
     return found[0]
 
 
@@ -60,7 +61,7 @@ def extended(folder: Path) -> None:
     for name in ("physics", "unit"):
         (folder / "tests" / name).mkdir(parents=True)
     for name, text in FILES:
-        assert not (folder / name).exists(), f"docs/extending.md adds a file that is there already: {name}"
+        assert not (folder / name).exists(), f"docs/how_to adds a file that is there already: {name}"
         (folder / name).write_text(text, encoding="utf-8")
     for name, change in CHANGES:
         path = folder / name

@@ -1,4 +1,4 @@
-"""Folded nets by the rules of docs/theory.md: creases, layers, canisters, stars, strings."""
+"""Folded nets by the rules of docs/explanation/theory.md: creases, layers, canisters, stars, strings."""
 
 from __future__ import annotations
 

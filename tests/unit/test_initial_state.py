@@ -1,4 +1,4 @@
-"""The state at time 0: rules of docs/theory.md, and states of other runs that a case restarts from."""
+"""The state at time 0: rules of theory.md, and states of other runs that a case restarts from."""
 
 from __future__ import annotations
 

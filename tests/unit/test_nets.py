@@ -1,4 +1,4 @@
-"""Nets by topology: counts, masses, geometry and the mouth's largest area, by the rules of docs/theory.md."""
+"""Nets by topology: counts, masses, geometry and the mouth's largest area, by the rules of theory.md."""
 
 from __future__ import annotations
 
@@ -262,7 +262,7 @@ def test_square_positions_are_mirrored_exactly() -> None:
 
 
 def test_hexagonal_knots_are_those_of_the_case_format() -> None:
-    """Every vertex of every cell as docs/theory.md writes them, computed one by one."""
+    """Every vertex of every cell as docs/explanation/theory.md writes them, computed one by one."""
     a, rings = 0.7, 2
     expected = set()
     for q in range(-rings, rings + 1):
@@ -280,7 +280,7 @@ def test_hexagonal_knots_are_those_of_the_case_format() -> None:
 
 @pytest.mark.parametrize("rings", [0, 1, 3])
 def test_bridles(rings: int) -> None:
-    """docs/theory.md: bullet k on the ray at 60 k degrees, at (R + 1/2) sqrt(3) a + sqrt(l^2 - a^2/4)."""
+    """theory.md: bullet k on the ray at 60 k degrees, at (R + 1/2) sqrt(3) a + sqrt(l^2 - a^2/4)."""
     a, length = 0.5, 0.8
     woven = net("hexagonal", mesh=a, rings=rings, strings={**STRING, "length": length}, bullets={"mass": 1.0})
     knots = (rings + 0.5) * math.sqrt(3) * a
@@ -508,13 +508,13 @@ def test_the_meshes_that_a_fault_proposes_do_fit(size: float, ratio: float) -> N
 
 
 def test_a_whole_number_of_meshes_may_be_off_by_1e_9() -> None:
-    """The bound of docs/theory.md."""
+    """The bound of docs/explanation/theory.md."""
     assert keys("square", size=5.0, mesh=5.0 / (3 + 0.5e-9)).n_sides == 24
     assert refused("square", size=5.0, mesh=5.0 / (3 + 2e-9))[0][0] == ("mesh",)
 
 
 def test_hexagonal_strings_must_reach_the_bridle_and_hold_the_bullets() -> None:
-    """docs/theory.md: longer than a/2 = 0.5 m."""
+    """docs/explanation/theory.md: longer than a/2 = 0.5 m."""
     faults = refused("hexagonal", mesh=1.0, rings=1, strings={**STRING, "length": 0.5})
     assert [where for where, _ in faults] == [("strings", "length")]
     assert keys("hexagonal", mesh=1.0, rings=1, strings={**STRING, "length": 0.501}).n_strings == 12

@@ -124,6 +124,7 @@ def line_of(folder: Path, file: str, line: int, text: str) -> None:
         ("elements.csv", 17, "3, 900"),
         ("elements.csv", 17, "3, -1"),
         ("elements.csv", 17, "3, 3"),
+        ("elements.csv", 17, "1, 0"),
         ("elements.csv", 17, "3, 4.5"),
         ("elements.csv", 17, "3"),
         ("elements.csv", 1, "i, k"),

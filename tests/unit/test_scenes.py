@@ -64,7 +64,7 @@ def test_a_saved_case_has_the_same_bits(tmp_path: Path, name: str) -> None:
 
 def test_the_scene_of_the_tutorial_has_the_same_bits_from_python_and_from_its_file(tmp_path: Path) -> None:
     """Carried net, two bodies, tether, closing line with a winch, contact, capture, script."""
-    page = (CASES.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
+    page = (CASES.parent / "docs" / "how_to" / "scenes.md").read_text(encoding="utf-8")
     names: dict[str, Any] = {}
     exec(page.partition("```python\n")[2].partition("```")[0], names)
     names["scene"].save(tmp_path / "capture.toml")
@@ -138,6 +138,8 @@ LISTED = ex.ExplicitNet(nodes=np.eye(3), elements=[(0, 1), (1, 2)], cable=CORD)
     [
         (lambda: net(mesh=0.3, meshes=None), ["net.mesh"]),
         (lambda: net(mash=0.5), ["net.mash"]),
+        (lambda: ex.Body(shape="box", size=[], mass=1.0), ["Body.size"]),
+        (lambda: ex.Study(CASES / "planar_deployment.toml", inputs=[1, 2]), ["inputs"]),
         (lambda: net(radius=0.5), ["net.radius"]),
         (lambda: ex.Cable(diameter=-1, density=0, youngs_modulus=1.0), ["Cable.diameter", "Cable.density"]),
         (lambda: ex.ExplicitNet(nodes=np.eye(3), elements=[(0, 3)], cable=CORD), ["net.elements[0]"]),
@@ -164,6 +166,8 @@ def test_errors_name_the_argument(make: Any, keys: list[str]) -> None:
         lambda: ex.SquareNet(10.0, 0.5),
         lambda: ex.Scene("title"),
         lambda: ex.Scene.of(3),
+        lambda: setattr(net(), "size", 3.0),
+        lambda: ex.ExplicitNet.from_csv("nodes.csv"),
         lambda: scene().replace([("time.end", 1.0)]),
         lambda: scene().save("nowhere/own.toml"),
     ],

@@ -11,12 +11,11 @@ import pytest
 from scenes import CASES, OUTLINE, extruded, refused
 
 import exunet
+from exunet.bodies import mesh_core
 from exunet.bodies.distance import distances, goes_through_itself, normals_of, overlap, polyhedron, tree_of
 from exunet.bodies.mass_properties import of_mesh, of_solid
 from exunet.bodies.mesh import closed
-from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
-from exunet.model import mesh_core
-from exunet.model.mesh_core import (
+from exunet.bodies.mesh_core import (
     fill_bricks,
     find_balls,
     find_distances,
@@ -25,6 +24,7 @@ from exunet.model.mesh_core import (
     nearest_of_triangle,
     signed_distance,
 )
+from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
 from exunet.simulation.preparation import prepare_case
 
 Floats = np.ndarray

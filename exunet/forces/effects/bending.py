@@ -12,28 +12,77 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 import scipy
 from pydantic import Field
 
-from exunet.base.record import NonNegative, Record
+from exunet.base.record import NonNegative
 from exunet.forces.blocks import Blocks
+from exunet.forces.effect import Effect
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm
 from exunet.net.arrays import Net
 
-EXCLUDES = {"breaking": "the springs would remain across a broken element"}
 STRAIGHT = 1e-6  # sine of the largest angle in the reference configuration over which a thread runs on
 
 
-class Bending(Record):
+class Bending(Effect):
     """Rotational springs along the threads of the net."""
+
+    EXCLUDES: ClassVar = {"breaking": "the springs would remain across a broken element"}
+    INTERNAL: ClassVar = True
+    NOT_WITH: ClassVar = {
+        "reels": "threads on a drum have no bending stiffness",
+        "perimeter": "its stiffness is of threads that keep their length",
+    }
 
     modulus: NonNegative = Field(
         description="E_b [Pa] with I of a solid circular section; a loose yarn has far less than E",
         examples=[1e8],
     )
+
+    def springs(self, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return nodes (k, 3), weights (k, 3) [1/m] in d2 / L2 - d1 / L1, and spring constants (k,) [N m]."""
+        nodes, length, elements = joints(net)
+        weight = np.stack([1.0 / length[:, 0], -(1.0 / length).sum(axis=1), 1.0 / length[:, 1]], axis=1)
+        inertia = net.area[elements[:, 0]] ** 2 / (4.0 * math.pi)  # of a solid circle
+        return nodes, weight, self.modulus * inertia / length.mean(axis=1)
+
+    def terms(self, blocks: Blocks) -> tuple[LinearTerm, ...]:
+        """Return the constant stiffness of all springs; nothing without springs."""
+        nodes, weight, constant = self.springs(blocks.net)
+        if not len(nodes) or not constant.any():
+            return ()
+        rows = np.repeat(np.arange(len(nodes)), 3)
+        turn = scipy.sparse.csr_array(
+            (weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), blocks.n_points)
+        )
+        along = scipy.sparse.csr_array(turn.T @ (turn * constant[:, None]))
+        return (LinearTerm(stiffness=scipy.sparse.csr_array(scipy.sparse.kron(along, np.eye(3)))),)
+
+    @classmethod
+    def nominal(cls, basis: EstimateBasis) -> tuple[Bending, str]:
+        """Assume a solid thread, the most there can be."""
+        modulus = float(basis.net.youngs_modulus.max(initial=0.0))
+        return Bending(modulus=modulus), f"a solid thread, E_b = E = {modulus:.3g} Pa (an upper bound)"
+
+    def magnitude(self, basis: EstimateBasis) -> Estimate:
+        """Estimate forces of threads bent by one radian at each node, and their way until straight."""
+        net = basis.net
+        nodes, weight, constant = self.springs(net)
+        force = np.zeros((net.n_nodes, 3))
+        square = np.zeros(net.n_nodes)
+        for column in range(3):
+            np.add.at(square, nodes[:, column], (constant * weight[:, column]) ** 2)
+        force[:, 0] = np.sqrt(square)
+        bent = np.zeros((net.n_nodes, 3))
+        bent[np.unique(nodes), 0] = 0.5 * float(net.reference_length.mean()) if len(nodes) else 0.0
+        acceleration = basis.of_force(force)
+        way = min(basis.ballistic(acceleration), basis.rms(bent))
+        torque = float(constant.max(initial=0.0))
+        return Estimate(acceleration, way, f"springs of E_b I / L = {torque:.2g} N m bent by 1 rad")
 
 
 def joints(net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -70,62 +119,3 @@ def _in_the_net(net: Net) -> Iterator[tuple[int, int, int, int, int]]:
                 alike = net.is_string[e] == net.is_string[f] and net.area[e] == net.area[f]
                 if alike and turn[item, two] <= STRAIGHT:
                     yield before, node, after, e, f
-
-
-def springs(keys: Bending, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes (k, 3), their weights (k, 3) [1/m] in d2 / L2 - d1 / L1, and spring constants (k,) [N m]."""
-    nodes, length, elements = joints(net)
-    weight = np.stack([1.0 / length[:, 0], -(1.0 / length).sum(axis=1), 1.0 / length[:, 1]], axis=1)
-    inertia = net.area[elements[:, 0]] ** 2 / (4.0 * math.pi)  # of a solid circle
-    return nodes, weight, keys.modulus * inertia / length.mean(axis=1)
-
-
-def internal(keys: Bending) -> bool:
-    """Its forces are pulls along elements, or springs whose forces and moments cancel."""
-    return True
-
-
-def not_with_reels(keys: Bending) -> str:
-    """Why the threads of a reel cannot have it."""
-    return "threads on a drum have no bending stiffness"
-
-
-def not_with_perimeter(keys: Bending) -> str:
-    """Why an edge that becomes shorter cannot have it."""
-    return "its stiffness is of threads that keep their length"
-
-
-def terms(keys: Bending, blocks: Blocks) -> tuple[LinearTerm, ...]:
-    """The constant stiffness of all springs; nothing if no thread runs on or the modulus is zero."""
-    nodes, weight, constant = springs(keys, blocks.net)
-    if not len(nodes) or not constant.any():
-        return ()
-    rows = np.repeat(np.arange(len(nodes)), 3)
-    turn = scipy.sparse.csr_array(
-        (weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), blocks.n_points)
-    )
-    along = scipy.sparse.csr_array(turn.T @ (turn * constant[:, None]))
-    return (LinearTerm(stiffness=scipy.sparse.csr_array(scipy.sparse.kron(along, np.eye(3)))),)
-
-
-def nominal(basis: EstimateBasis) -> tuple[Bending, str]:
-    """A solid thread, the most there can be."""
-    modulus = float(basis.net.youngs_modulus.max(initial=0.0))
-    return Bending(modulus=modulus), f"a solid thread, E_b = E = {modulus:.3g} Pa (an upper bound)"
-
-
-def magnitude(keys: Bending, basis: EstimateBasis) -> Estimate:
-    """Threads bent by one radian at each node: the springs' forces, and the way until they are straight."""
-    net = basis.net
-    nodes, weight, constant = springs(keys, net)
-    force = np.zeros((net.n_nodes, 3))
-    square = np.zeros(net.n_nodes)
-    for column in range(3):
-        np.add.at(square, nodes[:, column], (constant * weight[:, column]) ** 2)
-    force[:, 0] = np.sqrt(square)
-    bent = np.zeros((net.n_nodes, 3))
-    bent[np.unique(nodes), 0] = 0.5 * float(net.reference_length.mean()) if len(nodes) else 0.0
-    acceleration = basis.of_force(force)
-    way = min(basis.ballistic(acceleration), basis.rms(bent))
-    torque = float(constant.max(initial=0.0))
-    return Estimate(acceleration, way, f"springs of E_b I / L = {torque:.2g} N m bent by 1 rad")

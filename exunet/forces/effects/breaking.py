@@ -8,27 +8,32 @@ much it was too large.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from exunet.base.record import Positive, Record
+from exunet.base.errors import Fault
+from exunet.base.record import Positive
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import ElementLaw
+from exunet.forces.effect import Effect, RestOfCase
+from exunet.forces.effects.rayleigh_damping import RayleighDamping
 from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
 from exunet.net.arrays import Floats, Net
 
-NEEDS_FRESH_STEPS = True
-NEEDS_ZERO = {
-    "rayleigh_damping": {"beta": "which damps along broken elements too; use material_damping"},
-}
 
-
-class Breaking(Record):
+class Breaking(Effect):
     """Elements break for good at a strain or a force."""
 
+    NEEDS_FRESH_STEPS: ClassVar = True
+    INTERNAL: ClassVar = True
+    NOT_WITH: ClassVar = {
+        "reels": "elements of a tether on a reel do not break",
+        "perimeter": "threads that become shorter do not break",
+    }
     EXACTLY_ONE: ClassVar = ("strain", "force")
 
     strain: Positive | None = Field(
@@ -42,57 +47,47 @@ class Breaking(Record):
         examples=[500.0],
     )
 
+    def terms(self, blocks: Blocks) -> tuple[ElementLaw, ...]:
+        """Return the limit of every element."""
+        everywhere = np.ones(blocks.net.n_elements)
+        if self.strain is not None:
+            return (ElementLaw(breaking_strain=self.strain * everywhere),)
+        assert self.force is not None
+        return (ElementLaw(breaking_force=self.force * everywhere),)
 
-def internal(keys: Breaking) -> bool:
-    """Its forces are pulls along elements, or springs whose forces and moments cancel."""
-    return True
+    def cross_checks(self, rest: RestOfCase) -> Iterator[Fault]:
+        """Require no Rayleigh damping by the stiffness."""
+        rayleigh = rest.scene.effects.get(RayleighDamping)
+        if rayleigh is not None and rayleigh.beta != 0.0:
+            words = "which damps along broken elements too; use material_damping"
+            yield Fault("", f"contradicts effects.rayleigh_damping.beta, {words}")
 
+    def breaking_limits(self, net: Net, free_strain: float) -> Floats:
+        if self.force is not None:
+            return np.full(net.n_elements, self.force)
+        assert self.strain is not None
+        if net.law_number is not None:
+            return Law.of(net).tension(net.reference_length * math.sqrt(1.0 + 2.0 * self.strain))
+        return np.asarray(
+            self.strain * math.sqrt(1.0 + 2.0 * (self.strain + free_strain)) * net.axial_stiffness
+        )
 
-def not_with_reels(keys: Breaking) -> str:
-    """Why the threads of a reel cannot have it."""
-    return "elements of a tether on a reel do not break"
+    @classmethod
+    def nominal(cls, basis: EstimateBasis) -> tuple[Breaking, str]:
+        """Assume the strain at break of aramid fibre."""
+        return Breaking.model_validate({"strain": 0.03}), "breaks at a strain of 0.03, as aramid fibres do"
 
-
-def not_with_perimeter(keys: Breaking) -> str:
-    """Why an edge that becomes shorter cannot have it."""
-    return "threads that become shorter do not break"
-
-
-def terms(keys: Breaking, blocks: Blocks) -> tuple[ElementLaw, ...]:
-    """The limit of every element."""
-    everywhere = np.ones(blocks.net.n_elements)
-    if keys.strain is not None:
-        return (ElementLaw(breaking_strain=keys.strain * everywhere),)
-    assert keys.force is not None
-    return (ElementLaw(breaking_force=keys.force * everywhere),)
-
-
-def limits(keys: Breaking, net: Net, free_strain: float = 0.0) -> Floats:
-    """(n_elements,) axial force [N] at which each element breaks; free_strain: of a thermal strain."""
-    if keys.force is not None:
-        return np.full(net.n_elements, keys.force)
-    assert keys.strain is not None
-    if net.law_number is not None:
-        return Law.of(net).tension(net.reference_length * math.sqrt(1.0 + 2.0 * keys.strain))
-    return np.asarray(keys.strain * math.sqrt(1.0 + 2.0 * (keys.strain + free_strain)) * net.axial_stiffness)
-
-
-def nominal(basis: EstimateBasis) -> tuple[Breaking, str]:
-    """Strain at break of aramid fibre."""
-    return Breaking.model_validate({"strain": 0.03}), "breaks at a strain of 0.03, as aramid fibres do"
-
-
-def magnitude(keys: Breaking, basis: EstimateBasis) -> Estimate:
-    """Nothing if the hardest snap stays below the limit, else the way of what flies off at its speed."""
-    snap, strain = snap_of(basis), hardest_strain(basis)
-    limit = keys.strain
-    if limit is None:
-        assert keys.force is not None
-        limit = keys.force / float(basis.net.axial_stiffness.min(initial=np.inf))
-    breaks = strain > limit
-    words = "breaks" if breaks else "holds"
-    return Estimate(
-        snap.frequency * snap.speed if breaks else 0.0,
-        basis.held(basis.speed * basis.duration) if breaks else 0.0,
-        f"strain v sqrt(m / EA L) = {strain:.2g} of the hardest snap, limit {limit:.2g}: {words}",
-    )
+    def magnitude(self, basis: EstimateBasis) -> Estimate:
+        """Estimate the way of what flies off; nothing if the hardest snap stays below the limit."""
+        snap, strain = snap_of(basis), hardest_strain(basis)
+        limit = self.strain
+        if limit is None:
+            assert self.force is not None
+            limit = self.force / float(basis.net.axial_stiffness.min(initial=np.inf))
+        breaks = strain > limit
+        words = "breaks" if breaks else "holds"
+        return Estimate(
+            snap.frequency * snap.speed if breaks else 0.0,
+            basis.held(basis.speed * basis.duration) if breaks else 0.0,
+            f"strain v sqrt(m / EA L) = {strain:.2g} of the hardest snap, limit {limit:.2g}: {words}",
+        )

@@ -1,7 +1,7 @@
 """Contact of threads, nodes and bullets with rigid bodies, and of these with each other.
 
 Penalty with Hunt and Crossley's damping across the surface, Coulomb friction along it; see
-`exunet.forces.contact`, and for the equations docs/theory_contact.md.
+`exunet.forces.contact`, and for the equations docs/explanation/theory_contact.md.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from exunet.forces.contact.estimate import estimate_notes
 from exunet.forces.contact.law import ImpactDampingConfig, hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.sphere_contact import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.thread_contact import Friction, thread_contact
+from exunet.forces.effect import Effect, RestOfCase, existing_body
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
 
@@ -31,32 +31,27 @@ _PRESSING = ("sphere", "box", "capsule")  # solids that press into other bodies
 
 
 def named(keys: Any, rest: RestOfCase, key: str) -> Iterator[Fault]:
-    """Of the bodies that `key` names."""
+    """Yield the faults of the bodies that `key` names."""
     names = getattr(keys, key)
     for k, name in enumerate(names):
         place = f"{key}[{k}]"
         if name not in rest.bodies:
-            yield _not_there(name, rest, place)
+            yield from existing_body(place, name, rest)
         elif name in names[:k]:
             yield Fault(place, f"{name} is named twice")
         else:
             yield from _touchable(rest.scene.bodies[name], name, place)
 
 
-def _not_there(name: str, rest: RestOfCase, place: str) -> Fault:
-    there = ", ".join(rest.bodies) or "none"
-    return Fault(place, f"unknown body {name!r} (bodies: {there})")
-
-
 def paired(keys: Any, rest: RestOfCase) -> Iterator[Fault]:
-    """Of the pairs of bodies."""
+    """Yield the faults of the pairs of bodies."""
     seen = set()
     for k, pair in enumerate(keys.bodies):
         one, other = pair
         place = f"bodies[{k}]"
         missing = [name for name in dict.fromkeys(pair) if name not in rest.bodies]
         for name in missing:
-            yield _not_there(name, rest, f"{place}[{pair.index(name)}]")
+            yield from existing_body(f"{place}[{pair.index(name)}]", name, rest)
         if one == other:
             yield Fault(place, f"{one} cannot touch itself: give two bodies")
         elif frozenset(pair) in seen:
@@ -92,7 +87,7 @@ def _fit(rest: RestOfCase, pair: tuple[str, str], place: str) -> Iterator[Fault]
 
 
 def _shapes(body: Any) -> list[str]:
-    """Of a body, or of its parts."""
+    """Return the shapes of a body, or of its parts."""
     return [body.shape] if body.is_given("shape") else [part.shape for part in body.parts.values()]
 
 
@@ -145,9 +140,11 @@ class RegularisedFriction(Record):
         return Friction(self.coefficient, self.slip_speed)
 
 
-class Contact(ImpactDampingConfig):
+class Contact(Effect, ImpactDampingConfig):
     """Threads, nodes and bullets touch bodies, and bodies each other."""
 
+    INTERNAL: ClassVar = True
+    COLLIDES: ClassVar = True
     NEEDS: ClassVar[dict[str, tuple[str, ...]]]  # of what touches, the keys that go with it
 
     law: str = Field(description="of the force across the surface")
@@ -205,21 +202,111 @@ class Contact(ImpactDampingConfig):
 
     @property
     def of_nodes(self) -> SphereLaw:
-        """Of spheres of the nodes' radius."""
+        """Law of spheres of the nodes' radius."""
         return self._of_spheres("node")
 
     @property
     def of_bullets(self) -> SphereLaw:
-        """Of spheres of the bullets' radius."""
+        """Law of spheres of the bullets' radius."""
         return self._of_spheres("bullet")
 
     @property
     @abstractmethod
     def of_bodies(self) -> BodyLaw:
-        """Of corners, balls and edges."""
+        """Law of corners, balls and edges."""
 
     @abstractmethod
     def _of_spheres(self, what: str) -> SphereLaw: ...
+
+    def cross_checks(self, rest: RestOfCase) -> Iterator[Fault]:
+        """Require bodies that can be touched, and bullets where bullets touch."""
+        for key in ("threads", "nodes", "bullets"):
+            yield from named(self, rest, key)
+        yield from paired(self, rest)
+        if self.bullets and not rest.has_bullets:
+            yield Fault("bullets", "the net has no bullets: add [net.bullets] or remove this key")
+
+    def touched_bodies(self) -> frozenset[str]:
+        """Return the names of the bodies that threads, nodes, bullets or other bodies touch."""
+        of_pairs = (name for pair in self.bodies for name in pair)
+        return frozenset((*self.threads, *self.nodes, *self.bullets, *of_pairs))
+
+    def touching_pairs(self) -> tuple[tuple[str, str], ...]:
+        return self.bodies
+
+    def largest_radius(self, net: Net) -> float:
+        threads = float(np.sqrt(net.area / math.pi).max(initial=0.0)) if self.threads else 0.0
+        nodes = self.node_radius if self.nodes else None
+        bullets = self.bullet_radius if self.bullets else None
+        return max(threads, nodes or 0.0, bullets or 0.0)
+
+    def first_order_states(self) -> tuple[FirstOrder, ...]:
+        """Return the energy that damping and friction have taken [J]."""
+        names = ("damping", "friction")
+        return tuple(FirstOrder(f"contact/{name}", (0.0,), "J", gives=-1.0) for name in names)
+
+    def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
+        """Return a term for each body that threads, nodes and bullets touch, each; of pairs one or two."""
+        found = []
+        for body in self.threads:
+            inside = np.arange(blocks.net.n_net_elements if body == blocks.carrier else 0)
+            law = self.of_threads, self.a
+            found.append(thread_contact(blocks, body, blocks.surfaces[body], law, self.rubbing, inside))
+        nodes, bullets = nodes_of(blocks.net), bullets_of(blocks.net)
+        found += [self._balls(blocks, nodes, body, self.node_radius, self.of_nodes) for body in self.nodes]
+        found += [
+            self._balls(blocks, bullets, body, self.bullet_radius, self.of_bullets) for body in self.bullets
+        ]
+        for pair in self.bodies:
+            found += body_contact(blocks, pair, self.of_bodies, self.rubbing)
+        return tuple(found)
+
+    def _balls(
+        self, blocks: Blocks, what: Balls, body: str, radius: float | None, law: SphereLaw
+    ) -> KernelTerm:
+        assert radius is not None
+        inside, surface = body == blocks.carrier, blocks.surfaces[body]
+        return sphere_contact(blocks, what, body, surface, radius, law, self.rubbing, inside=inside)
+
+    def magnitude(self, basis: EstimateBasis) -> Estimate:
+        """Estimate a full stop of the net by a body; without it, that of bodies by each other.
+
+        Where the net flies past in the nominal motion, the stop may come later: threads swing out.
+        """
+        if not (self.threads or self.nodes or self.bullets):
+            return self._of_meetings(basis)
+        first = min(basis.approaches, key=lambda approach: (approach.time, approach.distance), default=None)
+        touches = first is not None and math.isfinite(first.time)
+        speed = first.speed if first is not None and touches else basis.speed
+        lasts = basis.duration - (first.time if first is not None and touches else 0.0)
+        length = float(basis.net.reference_length.sum())
+        mass = float(basis.net.mass.sum())
+        if self.threads:
+            stiffness, exponent = self.of_threads * length, 1.0
+        else:
+            law = self.of_nodes if self.nodes else self.of_bullets
+            stiffness, exponent = law.stiffness, law.exponent
+        acceleration = _largest_force(stiffness, exponent, mass, speed) / mass
+        words = "; ".join([f"stopped from {speed:.3g} m/s", *estimate_notes(self, basis)])
+        return Estimate(acceleration, basis.held(speed * lasts), words)
+
+    def _of_meetings(self, basis: EstimateBasis) -> Estimate:
+        """Estimate the hardest meeting of bodies that may come: a ball or a corner stops the reduced mass.
+
+        By Hertz's law its stiffness is that of a radius of 1 m.
+        """
+        law = self.of_bodies
+        found = Estimate(0.0, 0.0, "no two bodies that touch each other come near in time")
+        for meeting in basis.meetings:
+            if not meeting.speed * basis.duration > meeting.distance or not math.isfinite(meeting.mass):
+                continue
+            force = _largest_force(law.stiffness, law.exponent, meeting.mass, meeting.speed)
+            if force / meeting.mass > found.acceleration:
+                words = f"{' and '.join(meeting.bodies)} may meet at {meeting.speed:.3g} m/s from "
+                words += f"{meeting.distance / meeting.speed:.3g} s on, with some {force:.3g} N"
+                lasts = basis.duration - meeting.distance / meeting.speed
+                found = Estimate(force / meeting.mass, meeting.speed * lasts, words)
+        return found
 
 
 class LinearContact(Contact):
@@ -254,7 +341,7 @@ class LinearContact(Contact):
 
     @property
     def of_bodies(self) -> BodyLaw:
-        """Of corners, balls and edges."""
+        """Law of corners, balls and edges."""
         assert self.body_stiffness is not None
         return BodyLaw(self.body_stiffness, 1.0, None, self.a)
 
@@ -278,7 +365,7 @@ class HertzContact(Contact):
 
     @property
     def of_bodies(self) -> BodyLaw:
-        """Of corners, balls and edges."""
+        """Law of corners, balls and edges."""
         return BodyLaw(hertz_of_sphere(self.modulus, 1.0), 1.5, hertz_of_line(self.modulus), self.a)
 
     def _of_spheres(self, what: str) -> SphereLaw:
@@ -291,115 +378,7 @@ class HertzContact(Contact):
 AnyContact = Annotated[LinearContact | HertzContact, Field(discriminator="law")]
 
 
-def cross_checks(keys: Contact, rest: RestOfCase) -> Iterator[Fault]:
-    """Require bodies that can be touched, and bullets where bullets touch."""
-    for key in ("threads", "nodes", "bullets"):
-        yield from named(keys, rest, key)
-    yield from paired(keys, rest)
-    if keys.bullets and not rest.has_bullets:
-        yield Fault("bullets", "the net has no bullets: add [net.bullets] or remove this key")
-
-
-def touched_bodies(keys: Contact) -> frozenset[str]:
-    """Names of the bodies that threads, nodes, bullets or other bodies touch."""
-    of_pairs = (name for pair in keys.bodies for name in pair)
-    return frozenset((*keys.threads, *keys.nodes, *keys.bullets, *of_pairs))
-
-
-def touching_pairs(keys: Contact) -> tuple[tuple[str, str], ...]:
-    """Pairs of names of the bodies that touch each other."""
-    return keys.bodies
-
-
-def largest_radius(keys: Contact, net: Net) -> float:
-    """Of threads, nodes and bullets that touch [m]."""
-    threads = float(np.sqrt(net.area / math.pi).max(initial=0.0)) if keys.threads else 0.0
-    nodes = keys.node_radius if keys.nodes else None
-    bullets = keys.bullet_radius if keys.bullets else None
-    return max(threads, nodes or 0.0, bullets or 0.0)
-
-
-def first_order_states(keys: Contact) -> tuple[FirstOrder, ...]:
-    """Energy that damping and friction have taken [J]."""
-    return tuple(FirstOrder(f"contact/{name}", (0.0,), "J", gives=-1.0) for name in ("damping", "friction"))
-
-
-def internal(keys: Contact) -> bool:
-    """Threads and bodies push each other at one point."""
-    return True
-
-
-def terms(keys: Contact, blocks: Blocks) -> tuple[KernelTerm, ...]:
-    """A term for each body that threads, nodes and bullets touch, each its own; of pairs one or two."""
-    found = []
-    for body in keys.threads:
-        inside = np.arange(blocks.net.n_net_elements if body == blocks.carrier else 0)
-        law = keys.of_threads, keys.a
-        found.append(thread_contact(blocks, body, blocks.surfaces[body], law, keys.rubbing, inside))
-    nodes, bullets = nodes_of(blocks.net), bullets_of(blocks.net)
-    found += [_balls(keys, blocks, nodes, body, keys.node_radius, keys.of_nodes) for body in keys.nodes]
-    found += [
-        _balls(keys, blocks, bullets, body, keys.bullet_radius, keys.of_bullets) for body in keys.bullets
-    ]
-    for pair in keys.bodies:
-        found += body_contact(blocks, pair, keys.of_bodies, keys.rubbing)
-    return tuple(found)
-
-
-def _balls(
-    keys: Contact, blocks: Blocks, what: Balls, body: str, radius: float | None, law: SphereLaw
-) -> KernelTerm:
-    assert radius is not None
-    inside, surface = body == blocks.carrier, blocks.surfaces[body]
-    return sphere_contact(blocks, what, body, surface, radius, law, keys.rubbing, inside=inside)
-
-
-def nominal(basis: EstimateBasis) -> None:
-    """Nothing can be assumed of what a net meets."""
-
-
-def magnitude(keys: Contact, basis: EstimateBasis) -> Estimate:
-    """What a full stop of the net by a body would change; without one, that of bodies by each other.
-
-    Where the net flies past in the nominal motion, the stop may come later all the same: threads swing out.
-    """
-    if not (keys.threads or keys.nodes or keys.bullets):
-        return _of_meetings(keys, basis)
-    first = min(basis.approaches, key=lambda approach: (approach.time, approach.distance), default=None)
-    touches = first is not None and math.isfinite(first.time)
-    speed = first.speed if first is not None and touches else basis.speed
-    lasts = basis.duration - (first.time if first is not None and touches else 0.0)
-    length = float(basis.net.reference_length.sum())
-    mass = float(basis.net.mass.sum())
-    if keys.threads:
-        stiffness, exponent = keys.of_threads * length, 1.0
-    else:
-        law = keys.of_nodes if keys.nodes else keys.of_bullets
-        stiffness, exponent = law.stiffness, law.exponent
-    acceleration = _largest_force(stiffness, exponent, mass, speed) / mass
-    words = "; ".join([f"stopped from {speed:.3g} m/s", *estimate_notes(keys, basis)])
-    return Estimate(acceleration, basis.held(speed * lasts), words)
-
-
 def _largest_force(k: float, n: float, mass: float, speed: float) -> float:
     """Force k p^n [N] that stops a mass [kg] from a speed [m/s]: m v^2 / 2 = k p^(n + 1) / (n + 1)."""
     depth = (0.5 * (n + 1.0) * mass * speed**2 / k) ** (1.0 / (n + 1.0))
     return float(k * depth**n)
-
-
-def _of_meetings(keys: Contact, basis: EstimateBasis) -> Estimate:
-    """The hardest of those that may come: a ball or a corner stops the reduced mass.
-
-    By Hertz's law its stiffness is that of a radius of 1 m.
-    """
-    law, found = keys.of_bodies, Estimate(0.0, 0.0, "no two bodies that touch each other come near in time")
-    for meeting in basis.meetings:
-        if not meeting.speed * basis.duration > meeting.distance or not math.isfinite(meeting.mass):
-            continue
-        force = _largest_force(law.stiffness, law.exponent, meeting.mass, meeting.speed)
-        if force / meeting.mass > found.acceleration:
-            words = f"{' and '.join(meeting.bodies)} may meet at {meeting.speed:.3g} m/s from "
-            words += f"{meeting.distance / meeting.speed:.3g} s on, with some {force:.3g} N"
-            lasts = basis.duration - meeting.distance / meeting.speed
-            found = Estimate(force / meeting.mass, meeting.speed * lasts, words)
-    return found

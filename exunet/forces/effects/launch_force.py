@@ -44,17 +44,13 @@ from pydantic import Field
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import Fault
-from exunet.base.record import Positive, Record
+from exunet.base.record import Positive
 from exunet.forces.blocks import Blocks, PointMass
+from exunet.forces.effect import Effect, RestOfCase, existing_body
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index, in_body_axes, in_scene_axes
-from exunet.forces.requirements import RestOfCase, existing_body
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 from exunet.net.arrays import Net
-
-NEEDS_BULLETS = True
-REPLACES_LAUNCH = True
-NOT_CARRIED = {"chaser_mass": "a chaser at the origin: give body instead"}
 
 
 class Law(NamedTuple):
@@ -71,9 +67,13 @@ class Law(NamedTuple):
     exponent: float = 0.0
 
 
-class LaunchForce(Record):
+class LaunchForce(Effect):
     """Springs or gas push the bullets out of barrels; a chaser takes the reaction."""
 
+    NEEDS_BULLETS: ClassVar = True
+    REPLACES_LAUNCH: ClassVar = True
+    NOT_CARRIED: ClassVar = {"chaser_mass": "a chaser at the origin: give body instead"}
+    INTERNAL: ClassVar = True
     EXACTLY_ONE: ClassVar = ("chaser_mass", "body")
 
     force: Positive = Field(description="F0, force on each bullet at the start [N]", examples=[60.0])
@@ -105,6 +105,71 @@ class LaunchForce(Record):
         """Work done on one bullet and the chaser over the whole stroke [J]."""
         return energy_of(0.0, self.law)
 
+    def point_masses(self) -> tuple[PointMass, ...]:
+        """Return the chaser, at the origin; none if it is a rigid body."""
+        return () if self.chaser_mass is None else (PointMass("chaser", self.chaser_mass),)
+
+    def is_internal(self) -> bool:
+        """Return True for barrels on a body; forces on bullets and a point mass are not on one line."""
+        return self.body is not None
+
+    def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
+        """Return one conservative term over the bullets and the chaser; the stroke counts from the start."""
+        axes = self.barrels(blocks.net)
+        if self.body is None:
+            return (push_from_mass(blocks, "chaser", axes, self.law),)
+        return (push_term(blocks, self.body, axes, self.law),)
+
+    def barrels(self, net: Net) -> np.ndarray:
+        """Return (n_bullets, 3) unit vectors: spread_angle from +z towards the bullet's reference."""
+        outward = net.reference_position[net.bullet_nodes]
+        outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+        return math.sin(self.spread_angle) * outward + math.cos(self.spread_angle) * np.array([0.0, 0.0, 1.0])
+
+    def cross_checks(self, rest: RestOfCase) -> Iterator[Fault]:
+        """Require that the body exists."""
+        yield from existing_body("body", self.body, rest)
+
+    @classmethod
+    def nominal(cls, basis: EstimateBasis) -> tuple[LaunchForce, str] | None:
+        """Assume springs that give the bullets the speed they have, over 0.05 m, from a chaser of 500 kg."""
+        bullets = basis.net.bullet_nodes
+        if not len(bullets):
+            return None
+        velocity = basis.velocity[bullets[0]]
+        speed = float(np.linalg.norm(velocity))
+        if speed == 0.0:
+            return None
+        stroke = 0.05
+        keys = SpringLaunchForce.model_validate(
+            {
+                "kind": "spring",
+                "force": float(basis.net.mass[bullets[0]]) * speed**2 / stroke,
+                "stroke": stroke,
+                "spread_angle": math.acos(min(1.0, max(0.0, float(velocity[2]) / speed))),
+                "chaser_mass": 500.0,
+            }
+        )
+        return keys, f"springs of 0.05 m that give {speed:.3g} m/s, a chaser of 500 kg"
+
+    def magnitude(self, basis: EstimateBasis) -> Estimate:
+        """Estimate the flight of bullets at the speed that the work gives; as fast already: the lag.
+
+        Without the stroke they would start at full speed; with constant force they lag behind by one stroke.
+        """
+        net = basis.net
+        bullets = net.bullet_nodes
+        mass = float(net.mass[bullets].mean())
+        speed = math.sqrt(2.0 * self.work / mass)
+        thrown = np.zeros((net.n_nodes, 3))
+        thrown[bullets, 0] = 1.0
+        part = basis.rms(thrown)
+        moves = float(np.linalg.norm(basis.velocity[bullets], axis=1).mean()) > 0.0
+        way = self.stroke if moves else speed * basis.duration
+        words = "lag of a stroke behind an instant launch" if moves else "flight of the bullets"
+        words += f" at sqrt(2 W / m) = {speed:.3g} m/s"
+        return Estimate(self.force / mass * part, way * part, words)
+
 
 class SpringLaunchForce(LaunchForce):
     """Springs push the bullets."""
@@ -130,24 +195,6 @@ class GasLaunchForce(LaunchForce):
 AnyLaunchForce = Annotated[SpringLaunchForce | GasLaunchForce, Field(discriminator="kind")]
 
 
-def point_masses(keys: LaunchForce) -> tuple[PointMass, ...]:
-    """The chaser, at the origin; none if it is a rigid body."""
-    return () if keys.chaser_mass is None else (PointMass("chaser", keys.chaser_mass),)
-
-
-def internal(keys: LaunchForce) -> bool:
-    """True of barrels on a body; the forces on bullets and a point mass are not on one line."""
-    return keys.body is not None
-
-
-def terms(keys: LaunchForce, blocks: Blocks) -> tuple[KernelTerm, ...]:
-    """One conservative term over the bullets and the chaser; the stroke counts from the start."""
-    axes = barrels(keys, blocks.net)
-    if keys.body is None:
-        return (push_from_mass(blocks, "chaser", axes, keys.law),)
-    return (push_term(blocks, keys.body, axes, keys.law),)
-
-
 def push_from_mass(blocks: Blocks, chaser: str, axes: Floats, law: Law) -> KernelTerm:
     """Return the term of what pushes all bullets out of barrels on a point mass.
 
@@ -164,13 +211,6 @@ def push_from_mass(blocks: Blocks, chaser: str, axes: Floats, law: Law) -> Kerne
         (travelled, push_apart, *_LAWS),
         np.stack([net.bullet_nodes, np.full(len(nodes), point)], axis=1),
     )
-
-
-def barrels(keys: LaunchForce, net: Net) -> np.ndarray:
-    """(n_bullets, 3) unit vectors: spread_angle from +z towards each bullet's reference position."""
-    outward = net.reference_position[net.bullet_nodes]
-    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-    return math.sin(keys.spread_angle) * outward + math.cos(keys.spread_angle) * np.array([0.0, 0.0, 1.0])
 
 
 class BarrelsOnMass(NamedTuple):
@@ -391,52 +431,3 @@ def push_of_mass_potential(x: Any, barrels: Any) -> float:
         if s < barrels.law.stroke:
             total += energy_of(s, barrels.law)
     return total
-
-
-def cross_checks(keys: LaunchForce, rest: RestOfCase) -> Iterator[Fault]:
-    """Require that the body exists."""
-    yield from existing_body("body", keys.body, rest)
-
-
-def nominal(basis: EstimateBasis) -> tuple[LaunchForce, str] | None:
-    """Springs that give the bullets the speed they have, over 0.05 m, from a chaser of 500 kg."""
-    bullets = basis.net.bullet_nodes
-    if not len(bullets):
-        return None
-    velocity = basis.velocity[bullets[0]]
-    speed = float(np.linalg.norm(velocity))
-    if speed == 0.0:
-        return None
-    stroke = 0.05
-    keys = SpringLaunchForce.model_validate(
-        {
-            "kind": "spring",
-            "force": float(basis.net.mass[bullets[0]]) * speed**2 / stroke,
-            "stroke": stroke,
-            "spread_angle": math.acos(min(1.0, max(0.0, float(velocity[2]) / speed))),
-            "chaser_mass": 500.0,
-        }
-    )
-    return keys, f"springs of 0.05 m that give {speed:.3g} m/s, a chaser of 500 kg"
-
-
-def magnitude(keys: LaunchForce, basis: EstimateBasis) -> Estimate:
-    """The bullets' flight at the speed that the work gives them; as fast already: the way they lag behind.
-
-    Without the stroke they would start at full speed; with constant force they lag behind by one stroke.
-    """
-    net = basis.net
-    bullets = net.bullet_nodes
-    mass = float(net.mass[bullets].mean())
-    speed = math.sqrt(2.0 * keys.work / mass)
-    thrown = np.zeros((net.n_nodes, 3))
-    thrown[bullets, 0] = 1.0
-    part = basis.rms(thrown)
-    moves = float(np.linalg.norm(basis.velocity[bullets], axis=1).mean()) > 0.0
-    way = keys.stroke if moves else speed * basis.duration
-    words = "lag of a stroke behind an instant launch" if moves else "flight of the bullets"
-    return Estimate(
-        keys.force / mass * part,
-        way * part,
-        f"{words} at sqrt(2 W / m) = {speed:.3g} m/s",
-    )

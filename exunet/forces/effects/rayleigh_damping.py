@@ -9,48 +9,74 @@ between their ends at the start.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
 
 import numpy as np
 import scipy
 from pydantic import Field
 
 from exunet.base.errors import CaseError, Fault
-from exunet.base.record import NonNegative, Record
+from exunet.base.record import NonNegative
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable import reference_spans, reference_tangent_stiffness
+from exunet.forces.effect import Effect
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.on_bodies import braking_on_bodies
-from exunet.forces.terms import Term
-
-NUMERICAL = True  # proportional damping: no material or medium has it
+from exunet.forces.terms import KernelTerm
 
 
-class RayleighDamping(Record):
+class RayleighDamping(Effect):
     """D = alpha M + beta T(reference), eq. (13)."""
+
+    NUMERICAL: ClassVar = True  # proportional damping: no material or medium has it
+    NOT_WITH: ClassVar = {
+        "reels": "its beta would damp along elements on the drum; use material_damping",
+        "perimeter": "its beta damps threads as if they kept their length; use material_damping",
+    }
 
     alpha: NonNegative = Field(description="factor of the mass matrix [1/s]", examples=[1e-3])
     beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]", examples=[1e-8])
 
+    def terms(self, blocks: Blocks) -> tuple[LinearTerm | KernelTerm, ...]:
+        """Return the constant damping matrix of eq. (13); its part by the mass on bodies too."""
+        if self.beta and (faults := list(_without_direction(blocks))):
+            raise CaseError(faults)
+        damping = self.matrix(blocks)
+        on_points = (LinearTerm(damping=damping),) if damping.nnz else ()
+        return *on_points, *braking_on_bodies(blocks, self.alpha)
 
-def not_with_reels(keys: RayleighDamping) -> str:
-    """Why the threads of a reel cannot have it."""
-    return "its beta would damp along elements on the drum; use material_damping" if keys.beta else ""
+    def not_with(self) -> Mapping[str, str]:
+        return self.NOT_WITH if self.beta else {}
 
+    def matrix(self, blocks: Blocks) -> scipy.sparse.csr_array:
+        """Return D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
+        stiffness = reference_tangent_stiffness(
+            blocks.net, blocks.position, blocks.poses.net, blocks.n_points
+        )
+        damping = scipy.sparse.diags_array(np.repeat(self.alpha * blocks.own_mass, 3)) + self.beta * stiffness
+        damping = scipy.sparse.csr_array(damping)
+        damping.eliminate_zeros()
+        return damping
 
-def not_with_perimeter(keys: RayleighDamping) -> str:
-    """Why an edge that becomes shorter cannot have it."""
-    return "its beta damps threads as if they kept their length; use material_damping" if keys.beta else ""
+    @classmethod
+    def nominal(cls, basis: EstimateBasis) -> tuple[RayleighDamping, str]:
+        """Assume the paper's coefficients."""
+        return RayleighDamping(alpha=1e-3, beta=1e-8), "alpha = 1e-3 1/s, beta = 1e-8 s (paper, sec. 3.3)"
 
-
-def terms(keys: RayleighDamping, blocks: Blocks) -> tuple[Term, ...]:
-    """The constant damping matrix of eq. (13); its part by the mass on bodies too."""
-    if keys.beta and (faults := list(_without_direction(blocks))):
-        raise CaseError(faults)
-    damping = matrix(keys, blocks)
-    on_points = (LinearTerm(damping=damping),) if damping.nnz else ()
-    return *on_points, *braking_on_bodies(blocks, keys.alpha)
+    def magnitude(self, basis: EstimateBasis) -> Estimate:
+        """Estimate the way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
+        speed = basis.rms(basis.velocity)
+        rate = 0.0
+        if speed > 0.0:
+            force = self.matrix(basis.blocks) @ basis.velocity.ravel()
+            rate = basis.of_force(force.reshape(-1, 3)) / speed
+        return Estimate(
+            rate * basis.speed,
+            basis.held(basis.braked(rate)),
+            f"|Dv| / |Mv| = {rate:.3g} 1/s at the start, a speed of {basis.speed:.3g} m/s",
+        )
 
 
 def _without_direction(blocks: Blocks) -> Iterator[Fault]:
@@ -62,31 +88,3 @@ def _without_direction(blocks: Blocks) -> Iterator[Fault]:
                 "its ends are at one place at the start, so beta of rayleigh_damping has no direction to damp"
             )
             yield Fault(f"tethers.{name}.end", f"{words} along: move one, or use material_damping")
-
-
-def matrix(keys: RayleighDamping, blocks: Blocks) -> scipy.sparse.csr_array:
-    """D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
-    stiffness = reference_tangent_stiffness(blocks.net, blocks.position, blocks.poses.net, blocks.n_points)
-    damping = scipy.sparse.diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)) + keys.beta * stiffness
-    damping = scipy.sparse.csr_array(damping)
-    damping.eliminate_zeros()
-    return damping
-
-
-def nominal(basis: EstimateBasis) -> tuple[RayleighDamping, str]:
-    """The paper's coefficients."""
-    return RayleighDamping(alpha=1e-3, beta=1e-8), "alpha = 1e-3 1/s, beta = 1e-8 s (paper, sec. 3.3)"
-
-
-def magnitude(keys: RayleighDamping, basis: EstimateBasis) -> Estimate:
-    """The way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
-    speed = basis.rms(basis.velocity)
-    rate = 0.0
-    if speed > 0.0:
-        force = matrix(keys, basis.blocks) @ basis.velocity.ravel()
-        rate = basis.of_force(force.reshape(-1, 3)) / speed
-    return Estimate(
-        rate * basis.speed,
-        basis.held(basis.braked(rate)),
-        f"|Dv| / |Mv| = {rate:.3g} 1/s at the start, a speed of {basis.speed:.3g} m/s",
-    )

@@ -7,24 +7,27 @@ is the mean over all orientations, pi d L0 / 4; nodes do not shade each other, a
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field, field_validator
 
-from exunet.base.record import NonNegative, Positive, Record, Vector
+from exunet.base.record import NonNegative, Positive, Vector
 from exunet.forces.blocks import Blocks
+from exunet.forces.effect import Effect
 from exunet.forces.environment import bullet_disc, refuse_other_than_unit, tumbling_areas
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm
 
-EXCLUDES = {"gravity": "uniform gravity is for the ground, sunlight in vacuum for orbits"}
-BULLET_KEYS = ("bullet_area",)
 LIGHT = 299792458.0  # [m/s]
-ON_THE_NET_ALONE = True
 
 
-class SolarPressure(Record):
+class SolarPressure(Effect):
     """Pressure of sunlight on tumbling cables and on bullets."""
+
+    EXCLUDES: ClassVar = {"gravity": "uniform gravity is for the ground, sunlight in vacuum for orbits"}
+    BULLET_KEYS: ClassVar = ("bullet_area",)
+    ON_THE_NET_ALONE: ClassVar = True
 
     flux: Positive = Field(description="energy flux of sunlight [W/m2], 1361 at the Earth", examples=[1361.0])
     direction: Vector = Field(
@@ -46,32 +49,30 @@ class SolarPressure(Record):
         refuse_other_than_unit(vector)
         return vector
 
+    def terms(self, blocks: Blocks) -> tuple[LinearTerm, ...]:
+        """Return a constant load on each node."""
+        pressure = self.pressure_coefficient * self.flux / LIGHT
+        area = tumbling_areas(blocks, self.bullet_area)
+        return (LinearTerm(load=np.outer(pressure * area, self.direction).ravel()),)
 
-def terms(keys: SolarPressure, blocks: Blocks) -> tuple[LinearTerm, ...]:
-    """A constant load on each node."""
-    pressure = keys.pressure_coefficient * keys.flux / LIGHT
-    area = tumbling_areas(blocks, keys.bullet_area)
-    return (LinearTerm(load=np.outer(pressure * area, keys.direction).ravel()),)
+    @classmethod
+    def nominal(cls, basis: EstimateBasis) -> tuple[SolarPressure, str]:
+        """Assume sunlight near the Earth, bullets as balls of aluminium."""
+        bullets = basis.net.bullet_nodes
+        area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
+        keys = SolarPressure.model_validate(
+            {"flux": 1361.0, "direction": (1.0, 0.0, 0.0), "pressure_coefficient": 1.3, "bullet_area": area}
+        )
+        return keys, "1361 W/m2, C = 1.3" + (", balls of aluminium" if area else "")
 
-
-def nominal(basis: EstimateBasis) -> tuple[SolarPressure, str]:
-    """Near the Earth, bullets as balls of aluminium."""
-    bullets = basis.net.bullet_nodes
-    area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
-    keys = SolarPressure.model_validate(
-        {"flux": 1361.0, "direction": (1.0, 0.0, 0.0), "pressure_coefficient": 1.3, "bullet_area": area}
-    )
-    return keys, "1361 W/m2, C = 1.3" + (", balls of aluminium" if area else "")
-
-
-def magnitude(keys: SolarPressure, basis: EstimateBasis) -> Estimate:
-    """The load on each node."""
-    load = terms(keys, basis.blocks)[0].load
-    assert load is not None
-    acceleration = basis.of_force(load.reshape(-1, 3))
-    pressure = keys.pressure_coefficient * keys.flux / LIGHT
-    return Estimate(
-        acceleration,
-        basis.ballistic(acceleration),
-        f"C flux / c = {pressure:.3g} Pa on {math.pi / 4:.3f} d L of each cable",
-    )
+    def magnitude(self, basis: EstimateBasis) -> Estimate:
+        """Estimate the load on each node."""
+        load = self.terms(basis.blocks)[0].load
+        assert load is not None
+        acceleration = basis.of_force(load.reshape(-1, 3))
+        pressure = self.pressure_coefficient * self.flux / LIGHT
+        return Estimate(
+            acceleration,
+            basis.ballistic(acceleration),
+            f"C flux / c = {pressure:.3g} Pa on {math.pi / 4:.3f} d L of each cable",
+        )

@@ -6,22 +6,25 @@ The free stretch is 1 + alpha dT, so the free Green-Lagrange strain is alpha dT 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.record import Record
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import CableTerm, ElementLaw
+from exunet.forces.effect import Effect
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.law import excess_over
 
 
-class ThermalStrain(Record):
+class ThermalStrain(Effect):
     """All cables at another temperature than in the reference configuration."""
+
+    INTERNAL: ClassVar = True
 
     temperature_change: float = Field(
         description="difference from the reference configuration [K]", examples=[-80.0]
@@ -48,47 +51,40 @@ class ThermalStrain(Record):
         if not abs(strain) <= 0.1:
             yield Fault("", f"the thermal strain alpha dT must be between -0.1 and 0.1, got {strain:.3g}")
 
+    def terms(self, blocks: Blocks) -> tuple[ElementLaw, ...]:
+        """Return the same free strain for every element; nothing if it is zero."""
+        if self.stretch == 1.0:
+            return ()
+        return (ElementLaw(free_strain=np.full(blocks.net.n_elements, self.free_strain)),)
 
-def internal(keys: ThermalStrain) -> bool:
-    """Its forces are pulls along elements, or springs whose forces and moments cancel."""
-    return True
+    @classmethod
+    def nominal(cls, basis: EstimateBasis) -> tuple[ThermalStrain, str]:
+        """Assume a net that comes from a workshop into the shade of an orbit."""
+        keys = ThermalStrain(temperature_change=-100.0, expansion_coefficient=5e-6)
+        return keys, "100 K colder, alpha = 5e-6 1/K"
 
+    def magnitude(self, basis: EstimateBasis) -> Estimate:
+        """Estimate the change of the open net's distances; of a taut net, the flight on its elastic energy.
 
-def terms(keys: ThermalStrain, blocks: Blocks) -> tuple[ElementLaw, ...]:
-    """The same free strain for every element; nothing if it is zero."""
-    if keys.stretch == 1.0:
-        return ()
-    return (ElementLaw(free_strain=np.full(blocks.net.n_elements, keys.free_strain)),)
-
-
-def nominal(basis: EstimateBasis) -> tuple[ThermalStrain, str]:
-    """From a workshop into the shade of an orbit."""
-    keys = ThermalStrain(temperature_change=-100.0, expansion_coefficient=5e-6)
-    return keys, "100 K colder, alpha = 5e-6 1/K"
-
-
-def magnitude(keys: ThermalStrain, basis: EstimateBasis) -> Estimate:
-    """The change of the open net's distances; of a net that starts taut, the flight on its elastic energy.
-
-    Cold cables stretch a net that was just taut; it pulls itself together, goes slack, and flies on.
-    """
-    net = basis.net
-    law = CableTerm(net, sum(terms(keys, basis.blocks), ElementLaw())).law
-    length = cable.lengths(net, basis.position)
-    pull = law.tension(length)
-    change = pull - Law.of(net).tension(length)
-    along = cable.spans(net, basis.position) * (change / np.where(length > 0.0, length, 1.0))[:, None]
-    force = np.zeros((net.n_nodes, 3))
-    np.add.at(force, net.element_nodes[:, 0], along)
-    np.subtract.at(force, net.element_nodes[:, 1], along)
-    acceleration = basis.of_force(force)
-    stored = cable.elastic_energy(law, length) - cable.elastic_energy(Law.of(net), length)
-    speed = float(np.sqrt(2.0 * max(float(stored), 0.0) / net.mass[basis.free].sum()))
-    flight = min(basis.ballistic(acceleration), basis.held(speed * basis.duration))
-    static = abs(keys.stretch - 1.0) * basis.rms(net.reference_position)
-    return Estimate(
-        acceleration,
-        max(static, flight),
-        f"strain alpha dT = {keys.stretch - 1.0:.2g} of the open net"
-        + (f"; sets free {stored:.2g} J of a taut net" if flight > static else ""),
-    )
+        Cold cables stretch a net that was just taut; it pulls itself together, goes slack, and flies on.
+        """
+        net = basis.net
+        law = CableTerm(net, sum(self.terms(basis.blocks), ElementLaw())).law
+        length = cable.lengths(net, basis.position)
+        pull = law.tension(length)
+        change = pull - Law.of(net).tension(length)
+        along = cable.spans(net, basis.position) * (change / np.where(length > 0.0, length, 1.0))[:, None]
+        force = np.zeros((net.n_nodes, 3))
+        np.add.at(force, net.element_nodes[:, 0], along)
+        np.subtract.at(force, net.element_nodes[:, 1], along)
+        acceleration = basis.of_force(force)
+        stored = cable.elastic_energy(law, length) - cable.elastic_energy(Law.of(net), length)
+        speed = float(np.sqrt(2.0 * max(float(stored), 0.0) / net.mass[basis.free].sum()))
+        flight = min(basis.ballistic(acceleration), basis.held(speed * basis.duration))
+        static = abs(self.stretch - 1.0) * basis.rms(net.reference_position)
+        return Estimate(
+            acceleration,
+            max(static, flight),
+            f"strain alpha dT = {self.stretch - 1.0:.2g} of the open net"
+            + (f"; sets free {stored:.2g} J of a taut net" if flight > static else ""),
+        )

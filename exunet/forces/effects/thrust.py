@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,20 +13,22 @@ from pydantic import Field
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import Fault
-from exunet.base.record import FromArray, NonNegative, Number, Record, Vector, increasing, once
+from exunet.base.record import FromArray, NonNegative, Number, Vector, increasing, once
 from exunet.forces.blocks import Blocks
+from exunet.forces.effect import Effect, RestOfCase, existing_bullets
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
-from exunet.forces.requirements import RestOfCase, existing_bullets
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
 
-NEEDS_BULLETS = True
 MEMORY = "thrust/knots_passed"
 PASSED, SINCE, FACTOR = 0, 1, 2  # in it: how many knots, from when on they count [s], of all forces
 
 
-class Thrust(Record):
+class Thrust(Effect):
     """A given force over time on chosen bullets."""
+
+    NEEDS_BULLETS: ClassVar = True
+    PUTS_IN: ClassVar = "thrust"
 
     bullets: Annotated[tuple[Number, ...], FromArray] = Field(
         min_length=1,
@@ -53,31 +55,49 @@ class Thrust(Record):
             words = f"requires one vector for each of the {len(self.time)} times, got {len(self.force)}"
             yield Fault("force", words)
 
+    def cross_checks(self, rest: RestOfCase) -> Iterator[Fault]:
+        """Require bullets that the net has."""
+        yield from existing_bullets(self.bullets, rest)
 
-def cross_checks(keys: Thrust, rest: RestOfCase) -> Iterator[Fault]:
-    """Require bullets that the net has."""
-    yield from existing_bullets(keys.bullets, rest)
+    def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
+        """Return one term over the chosen bullets.
+
+        Its memory is the number of the knots passed, so that no step sees a kink; the time from which on the
+        knots count [s]; the factor of all forces, which a script may set. Before the first knot (0) and after
+        the last (n) there is no force; between the knots k and k + 1 it is linear. Steps end at the knots.
+        """
+        nodes = (3 * blocks.net.bullet_nodes[list(self.bullets)]).astype(Index)
+        times, force = np.array(self.time), np.array(self.force)
+        initial = begun_at(0.0, times, 1.0)
+        data = partial(_data_at, nodes, times, force)
+        memory = Memory(MEMORY, initial, data)
+        return (KernelTerm("bullets", add_thrust, data(initial), memory=memory, switch=Knots(self.time)),)
+
+    def magnitude(self, basis: EstimateBasis) -> Estimate:
+        """Estimate the bullets alone under the largest force, and their way under the given force."""
+        bullets = basis.net.bullet_nodes[list(self.bullets)]
+        mass = basis.net.mass[bullets]
+        times = np.clip(np.array(self.time), 0.0, basis.duration)
+        force = np.array(self.force)
+        largest, way = np.zeros((basis.net.n_nodes, 3)), np.zeros((basis.net.n_nodes, 3))
+        largest[bullets, 0] = np.linalg.norm(force, axis=1).max()
+        # Each linear piece gives an impulse, and a way until the end, as if in the middle of its time.
+        step, mean = np.diff(times)[:, None], 0.5 * (force[1:] + force[:-1])
+        late = 0.5 * times[:-1] + 0.5 * times[1:]
+        impulse = (step * mean).sum(axis=0)
+        moved = (step * mean * (basis.duration - late)[:, None]).sum(axis=0)
+        way[bullets] = moved / mass[:, None]
+        return Estimate(
+            basis.of_force(largest),
+            basis.held(basis.rms(way)),
+            f"impulse {np.linalg.norm(impulse):.3g} N s on each of {len(bullets)} bullets",
+        )
 
 
 def _data_at(nodes: NDArray[Index], times: Floats, force: Floats, memory: Floats) -> ThrustTable:
     return ThrustTable(
         nodes, memory[SINCE] + times, memory[FACTOR] * force, memory[[PASSED]].astype(np.int64)
     )
-
-
-def terms(keys: Thrust, blocks: Blocks) -> tuple[KernelTerm, ...]:
-    """One term over the chosen bullets. Its memory is the number of the knots passed: no step sees a kink;
-    the time from which on the knots count [s]; the factor of all forces, which a script may set.
-
-    Before the first knot (0) and after the last (n) there is no force; between the knots k and k + 1 it is
-    linear. Steps end at the knots.
-    """
-    nodes = (3 * blocks.net.bullet_nodes[list(keys.bullets)]).astype(Index)
-    times, force = np.array(keys.time), np.array(keys.force)
-    initial = begun_at(0.0, times, 1.0)
-    data = partial(_data_at, nodes, times, force)
-    memory = Memory(MEMORY, initial, data)
-    return (KernelTerm("bullets", add_thrust, data(initial), memory=memory, switch=Knots(keys.time)),)
 
 
 def begun_at(time: float, times: Floats, factor: float) -> Floats:
@@ -144,28 +164,3 @@ def add_thrust(t: float, x: Any, v: Any, thrust: Any, force: Any) -> None:
             for axis in range(3):
                 start = forces[k - 1, axis]
                 force[bullets[b] + axis] += start + part * (forces[k, axis] - start)
-
-
-def nominal(basis: EstimateBasis) -> None:
-    """Nothing can be assumed: who pushes, when and where to is the design itself."""
-
-
-def magnitude(keys: Thrust, basis: EstimateBasis) -> Estimate:
-    """The bullets alone under the largest force, and their way under the given one until the end."""
-    bullets = basis.net.bullet_nodes[list(keys.bullets)]
-    mass = basis.net.mass[bullets]
-    times = np.clip(np.array(keys.time), 0.0, basis.duration)
-    force = np.array(keys.force)
-    largest, way = np.zeros((basis.net.n_nodes, 3)), np.zeros((basis.net.n_nodes, 3))
-    largest[bullets, 0] = np.linalg.norm(force, axis=1).max()
-    # Each linear piece gives an impulse, and a way until the end, as if it came in the middle of its time.
-    step, mean = np.diff(times)[:, None], 0.5 * (force[1:] + force[:-1])
-    late = 0.5 * times[:-1] + 0.5 * times[1:]
-    impulse = (step * mean).sum(axis=0)
-    moved = (step * mean * (basis.duration - late)[:, None]).sum(axis=0)
-    way[bullets] = moved / mass[:, None]
-    return Estimate(
-        basis.of_force(largest),
-        basis.held(basis.rms(way)),
-        f"impulse {np.linalg.norm(impulse):.3g} N s on each of {len(bullets)} bullets",
-    )

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from exunet.base.errors import CaseError
+from exunet.forces.effects.contact import Contact
 from exunet.kernels.compile import numba_installed
 from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Method, Plan
 from exunet.model.limits import (
@@ -45,7 +46,7 @@ _CONTACT_KEYS = ("stiffness", "node_stiffness", "bullet_stiffness", "body_stiffn
 
 
 class Varied(StrEnum):
-    """What a setting varies."""
+    """Quantity that a setting varies."""
 
     SIZE = "step or tolerance"
     METHOD = "method"
@@ -191,7 +192,7 @@ def divisions(case: Case, start: Start) -> Iterator[Setting]:
 
 def stiffer(case: Case, factor: float) -> tuple[str, ...]:
     """Overrides that multiply the stiffness of contact; () without contact."""
-    contact = getattr(case.scene.effects, "contact", None)
+    contact = case.scene.effects.get(Contact)
     values = {key: getattr(contact, key, None) for key in _CONTACT_KEYS}
     return tuple(
         f"effects.contact.{key}={value * factor!r}" for key, value in values.items() if value is not None
@@ -226,7 +227,7 @@ def _rounded(size: float, digits: int = 4) -> float:
 
 def is_capture(case: Case) -> bool:
     """True if a case has contact or a capture criterion."""
-    return case.scene.capture is not None or getattr(case.scene.effects, "contact", None) is not None
+    return case.scene.capture is not None or case.scene.effects.get(Contact) is not None
 
 
 def settings_of_distribution(case: Case) -> list[Setting]:

@@ -151,7 +151,7 @@ def test_poses_are_met_and_motion_is_smooth(led, scene):
     "turned", [{}, {"attitude": [1.0, 0.5, -0.2, 0.3]}, {"axis": [0.0, 1.0, 2.0], "angle": 0.4}], ids=str
 )
 def test_without_attitudes_of_poses_a_body_keeps_its_own(led, scene, turned):
-    """docs/theory_bodies.md; its origin moves the same, its centre of mass is always at R c from it."""
+    """theory_bodies.md; its origin moves the same, its centre of mass is always at R c from it."""
     centre = [0.1, 0.2, -0.3]
     made = scene(led(**MOVED, **turned, centre_of_mass=centre))
     attitude = scene(led(motion="fixed", **turned)).bodies0.attitude[0]

@@ -49,7 +49,7 @@ def test_what_is_not_known_is_refused_by_name(document, overrides, named):
 
 
 def test_a_throw_by_spread_angle(document):
-    """docs/theory.md: radial v sin(angle), axial v cos(angle); 30 degrees by hand."""
+    """docs/explanation/theory.md: radial v sin(angle), axial v cos(angle); 30 degrees by hand."""
     case = read_document(document() | {"launch": {"speed": 4.0, "spread_angle": math.pi / 6.0}})
     assert case.launch is not None
     assert case.launch[:2] == pytest.approx((2.0, 2.0 * 3.0**0.5))
