@@ -19,9 +19,9 @@ scene. All errors of a file are reported at once, with their lines. `exunet sche
 as a JSON Schema, for editors.
 
 Equations and conventions are in [theory](../../explanation/theory.md),
-[bodies](../../explanation/theory_bodies.md) and [contact](../../explanation/theory_contact.md). `NAME` stands
-for a name that the case chooses, of letters, digits, `_` and `-`; names must differ by more than capital
-letters.
+[effects](../../explanation/theory_effects.md), [bodies](../../explanation/theory_bodies.md)
+and [contact](../../explanation/theory_contact.md). `NAME` stands for a name that the case chooses, of
+letters, digits, `_` and `-`; names must differ by more than capital letters.
 
 `--set KEY=VALUE`, and overrides in Python, name a key by its path: `time.end`, `script[2].force`,
 `bodies.sat.size[0]`. An index counts from 0 the items of a list, or tables with names that the case chooses,

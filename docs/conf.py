@@ -21,6 +21,7 @@ extensions = [
     "sphinx_design",
     "sphinx_copybutton",
     "sphinxcontrib.katex",
+    "sphinxcontrib.bibtex",
     "checked_names",
 ]
 nitpicky = True
@@ -43,11 +44,15 @@ nb_merge_streams = True
 executors.executenb = partial(executors.executenb, coalesce_streams=True)  # else commands print in pieces
 copybutton_exclude = ".linenos, .gp, .go"
 
+numfig = True  # equations are numbered through, in the order of the pages
+numfig_secnum_depth = 0
+bibtex_bibfiles = ["references.bib"]
+
 html_theme = "furo"
 html_title = f"exunet {VERSION}"
 html_static_path = ["_static"]
-html_css_files = ["site.css"]
-html_extra_path = ["capture_box.html"]
+html_css_files = ["site.css", "gallery.css"]
+html_extra_path = ["capture_box.html", "_build/gallery/site"]
 html_copy_source = html_show_sourcelink = False
 html_show_sphinx = False
 html_show_search_summary = False  # pages of a folder cannot be read by a script

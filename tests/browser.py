@@ -101,6 +101,12 @@ class Page:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
+    def evaluate_in_frame(self, expression: str) -> Any:
+        """Return the value of an expression of the first frame of the page, which files cannot read."""
+        frame = self.call("Page.getFrameTree")["frameTree"]["childFrames"][0]["frame"]["id"]
+        world = self.call("Page.createIsolatedWorld", frameId=frame)["executionContextId"]
+        return self.call("Runtime.evaluate", expression=expression, contextId=world)["result"].get("value")
+
     def picture(self) -> bytes:
         """Return what the page looks like, as PNG."""
         self.evaluate("new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")

@@ -46,7 +46,7 @@ def exponential_density(altitude: float) -> float:
     return density * math.exp(-(height - base) / scale)
 
 
-EARTH_MU = 3.986004418e14  # [m3/s2], docs/explanation/theory.md
+EARTH_MU = 3.986004418e14  # [m3/s2], docs/explanation/theory_effects.md
 EARTH_RADIUS = 6378137.0  # [m], equatorial
 NEAR = 1e-9  # how near the directions must be to unit length and a right angle
 

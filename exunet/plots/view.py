@@ -48,7 +48,7 @@ from exunet.results.table import GAP, Report
 Arrays = dict[str, NDArray[Any]]
 
 KIND, VERSION = "exunet view", 1
-FRAMES = 1000  # stored states of a page, evenly spaced; of a longer run
+FRAMES = 1000  # stored states of a page at most, evenly spaced
 STEPS = 65000  # of a coordinate over the largest extent of the scene
 _CAPTURED = "captured since"
 _MOST_BREAKS = 10  # with a mark each
@@ -79,20 +79,22 @@ def save_view(result: Result, path: str | Path, other: Result | None = None) -> 
     write_page(path, [result] if other is None else [result, other])
 
 
-def write_page(path: Path, runs: Sequence[Result | Observables], report: Report | None = None) -> None:
+def write_page(
+    path: Path, runs: Sequence[Result | Observables], report: Report | None = None, frames: int = FRAMES
+) -> None:
     """Write the page of one or two runs, with what a report has beside.
 
     The measures of a capture take 10 ms a state: of `Observables`, which have them, all are shown, else few.
     """
     with replacing(path) as part:
-        part.write_text(page(runs, report), encoding="utf-8")
+        part.write_text(page(runs, report, frames), encoding="utf-8")
 
 
-def page(runs: Sequence[Result | Observables], report: Report | None = None) -> str:
+def page(runs: Sequence[Result | Observables], report: Report | None = None, frames: int = FRAMES) -> str:
     """Return the HTML text of a page."""
     arrays: Arrays = {}
     origin = _corner(runs[0])
-    headers = [_run(run, f"{k}/", arrays, origin) for k, run in enumerate(runs)]
+    headers = [_run(run, f"{k}/", arrays, origin, frames) for k, run in enumerate(runs)]
     header = {
         "heading": " | ".join(dict.fromkeys(run["title"] for run in headers)),
         "runs": headers,
@@ -133,11 +135,13 @@ def _corner(run: Result | Observables) -> Floats:
     return np.asarray(np.concatenate(first).min(axis=0))
 
 
-def _run(source: Result | Observables, name: str, arrays: Arrays, origin: Floats) -> dict[str, Any]:
+def _run(
+    source: Result | Observables, name: str, arrays: Arrays, origin: Floats, most: int
+) -> dict[str, Any]:
     """Add the arrays of a run under names with a prefix, positions from an origin; return its header."""
     run = source if isinstance(source, Observables) else Observables(source)
     result, net = run.result, run.result.net
-    frames = evenly_spaced(result.time, min(len(result.time), FRAMES))
+    frames = evenly_spaced(result.time, min(len(result.time), most))
     position = np.asarray(result.position[frames]) - origin
     bodies = {body: np.asarray(states.position[frames]) - origin for body, states in result.bodies.items()}
     extremes = [position.reshape(-1, 3), *bodies.values()]

@@ -29,7 +29,7 @@ from exunet.base.files import cannot_write, path_of, replacing
 from exunet.base.key_path import KeyPath, closest, key_path
 from exunet.base.record import Record
 from exunet.base.validation import validated_record
-from exunet.forces.requirements import RestOfCase
+from exunet.forces.effect import RestOfCase
 from exunet.results.outcome import Outcome
 from exunet.results.result import table
 from exunet.results.run_folder import held

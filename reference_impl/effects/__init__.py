@@ -1,4 +1,4 @@
-"""The effects of the case format (docs/explanation/theory.md): their record and the reader of `[effects]`.
+"""The effects of the case format (theory_effects.md): their record and the reader of `[effects]`.
 
 Each law has a module with its record, reader and equation.  They know arrays and the record of a net, nothing
 of how a system is put together or integrated.  Rayleigh, mass and material damping are parts of the elements'

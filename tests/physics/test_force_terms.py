@@ -70,7 +70,7 @@ def test_work_is_integrated_in_the_engine_as_in_the_loop() -> None:
 
 
 def test_viscous_stress_never_pushes_and_never_gives_energy() -> None:
-    """docs/explanation/theory.md: S11 = max(E (E11 + tau dE11/dt), 0) where E11 > 0, zero elsewhere."""
+    """theory_effects.md: S11 = max(E (E11 + tau dE11/dt), 0) where E11 > 0, zero elsewhere."""
     random = np.random.default_rng(8)
     length, rate = random.uniform(0.5, 1.5, 1000), random.normal(size=1000)
     force = viscous_tension(length, rate, 1.0, 7.0, 0.3)
@@ -106,7 +106,7 @@ def net_force_scale(position: Any) -> float:
 
 
 def test_a_free_strain_does_not_count_at_a_break() -> None:
-    """docs/explanation/theory.md: the limit is of E11 - e, a force that of EA (E11 - e) L / L0."""
+    """docs/explanation/theory_effects.md: the limit is of E11 - e, a force that of EA (E11 - e) L / L0."""
     net = planar().net
     free = np.linspace(-0.1, 0.1, net.n_elements)
     by_strain = ElementLaw(free_strain=free, breaking_strain=np.full(net.n_elements, 0.03))

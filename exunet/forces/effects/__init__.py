@@ -2,7 +2,8 @@
 
 An effect is the class of its table, `AirDrag` in `air_drag`; where there are alternatives, `AnyAirDrag` is
 the tagged union of its subclasses. `exunet.forces.effect.Effect` lists what a class may declare and override.
-A new effect is this module, one line in `_NAMES`, its equation in `docs/explanation/theory.md`, and a test.
+A new effect is this module, one line in `_NAMES`, its equation in `docs/explanation/theory_effects.md`, and
+a test.
 """
 
 from __future__ import annotations

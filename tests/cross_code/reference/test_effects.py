@@ -17,7 +17,7 @@ TURNED = {"radial": [0.6, 0.0, 0.8], "along_track": [0.0, -1.0, 0.0]}
 
 
 def test_material_damping_never_pushes_and_lets_turn(explicit, scene):
-    """theory.md: S11 = max(E (E11 + tau E11'), 0) where E11 > 0; a rigid rotation takes nothing."""
+    """theory_effects.md: S11 = max(E (E11 + tau E11'), 0) where E11 > 0; a rigid rotation takes nothing."""
     case = explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]], cable={**CABLE})
     made = scene(case, {"effects.material_damping.relaxation_time": 1e-2})
     x = np.array([[0.0, 0, 0], [1.01, 0, 0]])
@@ -125,7 +125,7 @@ def place(inclination, latitude, axes=FRAME):
 @pytest.mark.parametrize("axes", [FRAME, OTHER_FRAME])
 @pytest.mark.parametrize(("inclination", "latitude"), [(1.714, 0.8), (0.4, 4.0), (2.9, -1.0)])
 def test_gradient_is_the_second_derivative_of_the_force_function(axes, inclination, latitude):
-    """theory.md: mu J2 Re^2 (1 - 3 (k.rho)^2/|rho|^2)/(2 |rho|^3), by central differences over 2 km."""
+    """mu J2 Re^2 (1 - 3 (k.rho)^2/|rho|^2)/(2 |rho|^3), theory_effects.md, by differences over 2 km."""
     here = place(inclination, latitude, axes)
     k = axis(here).astype(np.longdouble)
 

@@ -270,7 +270,7 @@ THERMAL = {"temperature_change": -200.0, "expansion_coefficient": 2e-5}  # shrin
 
 @pytest.mark.parametrize("change", [200.0, -200.0])
 def test_free_strain_does_not_count_at_a_break(scene, change):
-    """theory.md: the limit is of E11 - e; the same way beyond the free length, from there on."""
+    """theory_effects.md: the limit is of E11 - e; the same way beyond the free length, from there on."""
     begin = 0.9
     made = scene(
         "effects/breaking.toml",
