@@ -116,7 +116,7 @@ def bullets_of(start: Start) -> tuple[Floats, Floats, int]:
     """Run a scene; return the stored times [s], the bullets' velocities [m/s] and the right-hand sides."""
     result = simulate(start)
     velocity = result.velocity[:][:, start.net.bullet_nodes]
-    return result.time[:], velocity, int(result.provenance["right_hand_sides"])
+    return result.time[:], velocity, int(result.run.cost.right_hand_sides)
 
 
 def largest(difference: Floats, speed: float) -> Floats:

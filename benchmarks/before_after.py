@@ -33,9 +33,9 @@ exunet.run(case)
 runs, began = [], time.perf_counter()
 while not runs or time.perf_counter() - began < float(least):
     start, used = time.perf_counter(), time.process_time()
-    done = exunet.run(case).provenance
+    done = exunet.run(case).run.cost
     used = time.process_time() - used
-    runs.append((done["integration_seconds"], time.perf_counter() - start, used, done["right_hand_sides"]))
+    runs.append((done.integration_seconds, time.perf_counter() - start, used, done.right_hand_sides))
 integration, whole, _, evaluations = sorted(runs)[len(runs) // 2]
 json.dump((integration, whole, min(run[2] for run in runs), evaluations), sys.stdout)
 """

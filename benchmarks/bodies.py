@@ -44,9 +44,9 @@ def bodies(number: int) -> str:
 
 def a_right_hand_side(start: Start) -> tuple[float, int]:
     """Microseconds of one, and how many there were."""
-    told = timeloop.simulate(start).provenance
-    count = told["right_hand_sides"]
-    return 1e6 * told["integration_seconds"] / count, count
+    cost = timeloop.simulate(start).run.cost
+    count = cost.right_hand_sides
+    return 1e6 * cost.integration_seconds / count, count
 
 
 def measured(run: tuple[str, ...], number: int, rounds: int) -> tuple[list[float], list[float], int]:

@@ -87,7 +87,7 @@ def lost(start: Start, times: tuple[float, float]) -> tuple[list[float], int]:
     momentum = np.einsum("n,tnk->tk", start.net.mass, result.velocity[:, :n])
     at = [int(np.abs(result.time - time).argmin()) for time in times]
     sizes = [float(np.linalg.norm(momentum[k] - momentum[0])) for k in at]
-    return sizes, int(result.provenance["right_hand_sides"])
+    return sizes, int(result.run.cost.right_hand_sides)
 
 
 def found(start: Start, times: tuple[float, float], runs: int) -> Found:

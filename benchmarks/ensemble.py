@@ -48,7 +48,7 @@ def timed(start: Start, runs: int, *, together: bool, move: float = 1e-9) -> tup
     began, used = time.perf_counter(), time.process_time()
     found = run_members(start, places, member_of, together=together)
     seconds = time.perf_counter() - began, time.process_time() - used
-    return *seconds, ensemble_of(found, provenance={})
+    return *seconds, ensemble_of(found)
 
 
 def quartiles(values: list[float]) -> str:

@@ -72,7 +72,7 @@ def row(name: str, runs: int) -> str:
             with_stiffness(case, 0.5),
         )
     ]
-    counts = exunet.ensemble(case, runs, move).provenance["outcomes"]
+    counts = exunet.ensemble(case, runs, move).run.outcomes
     ended = ", ".join(f"{key} {count}" for key, count in counts.items())
     return "| " + " | ".join([name, *singles, f"{move:g}", f"{ended} of {runs}"]) + " |"
 

@@ -92,7 +92,7 @@ def contestants() -> list[Contestant]:
         chosen = exunet.load(CASE, [f"time.end={END}", "time.output_step=", "time.output_times=[]", *changes])
         result = exunet.run(chosen)
         speeds = np.linalg.norm(result.velocity[-1, result.net.bullet_nodes], axis=-1)
-        return result.provenance["integration_seconds"], speeds
+        return result.run.cost.integration_seconds, speeds
 
     def adaptive(backend: Backend | None, *methods: str) -> list[list[Setting]]:
         return [[setting_of(backend, method, tolerance=t) for t in DECADES] for method in methods]

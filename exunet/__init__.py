@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from exunet.coupling.rollback import Ledger as Ledger
     from exunet.forces.blocks import Blocks as Blocks
     from exunet.forces.blocks import FirstOrder as FirstOrder
+    from exunet.forces.contact.status import ContactKey as ContactKey
     from exunet.forces.corner_units import FormationControl as FormationControl
     from exunet.forces.corner_units import GivenControl as GivenControl
     from exunet.forces.corner_units import Noise as Noise
@@ -242,6 +243,7 @@ API = {
     },
     "Results": {
         "Result": "exunet.results.result",
+        "ContactKey": "exunet.forces.contact.status",
         "BodyStates": "exunet.results.result",
         "load_result": "exunet.results.io",
         "save": "exunet.results.io",

@@ -103,7 +103,7 @@ def end_of(sim: Simulation, message: str) -> dict[str, Any]:
         found["energy"] = list(sim.energy)
         found |= {name: digest(values) for name, values in sim.state.arrays().items()}
         found["tension"] = digest(sim.net.tension)
-        found["largest_tension"] = sim.largest_tension
+        found["largest_tension"] = vars(sim.largest_tension)
     found["counts"] = asdict(sim.counts)
     return dict(json.loads(json.dumps(found)))
 

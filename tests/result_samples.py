@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.run_events import ElementBreak, ScriptEvent
 from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.forces import cable, law
+from exunet.forces.contact.status import ContactKey
 from exunet.net.arrays import Net
 from exunet.results.result import BodyStates, Result, TermStates
+from exunet.results.run_record import RunRecord
 
 Floats = NDArray[np.float64]
 
@@ -90,9 +93,6 @@ def result(of: Net, time: Any, position: Any, velocity: Any = None, **changes: A
         dissipated=np.zeros(len(time)),
         momentum=np.einsum("n,tnk->tk", of.mass, velocity),
         angular_momentum=np.einsum("n,tnk->tk", of.mass, np.cross(position, velocity)),
-        complete=True,
-        verdict="ok",
-        provenance={"method": "by hand", "counts": {"steps": 3}},
     )
     return replace(whole, **changes)
 
@@ -125,28 +125,26 @@ def around_a_box(title: str = "a net", body: str = "box") -> Result:
     place, still = of.position[:, 4] + np.array([0.0, 0.0, 0.1]), np.zeros((7, 3))
     states = BodyStates(2.0, np.eye(3), place, still, attitude, still, **packed(shape, np.zeros(3)))
     touching = (turn > 0.5).astype(float)[:, None]
-    story = of.provenance | {
-        "title": title,
-        "script": [{"time_s": 0.5, "entry": "meets", "event": "note", "cause": "t", "done": True}],
-        "broken": [{"element": 5, "time_s": 0.8}],
-        "closing_path": [0, 2, 8, 6, 0],
-        "edge_radii": {body: 0.05},
-    }
+    note = ScriptEvent(time_s=0.5, entry="meets", event="note", cause="t", done=True)
+    events, path = (note, ElementBreak(element=5, time_s=0.8)), [0, 2, 8, 6, 0]
+    record = RunRecord(title=title, events=events, can_break=True, closing_path=path, edge_radii={body: 0.05})
     return replace(
         of,
         tension=TENSION,
         bodies={body: states},
+        contacts={
+            ContactKey(body, "threads", "first"): TermStates("s", 0.6 * touching - (1.0 - touching)),
+            ContactKey(body, "threads", "deepest"): TermStates("m", 0.0 * touching),
+            ContactKey(body, "threads", "touching"): TermStates("1", 3.0 * touching),
+            ContactKey(body, "threads", "force"): TermStates("N", 1.5 * touching),
+            ContactKey(body, "threads", "resultant"): TermStates("N", turn[:, None] * RESULTANT * touching),
+            ContactKey(body, "threads", "torque"): TermStates("N m", [0.05, -0.02, 0.01] * touching),
+        },
         states={
-            f"contact_{body}/threads_first": TermStates("s", 0.6 * touching - (1.0 - touching)),
-            f"contact_{body}/threads_deepest": TermStates("m", 0.0 * touching),
-            f"contact_{body}/threads_touching": TermStates("1", 3.0 * touching),
-            f"contact_{body}/threads_force": TermStates("N", 1.5 * touching),
-            f"contact_{body}/threads_resultant": TermStates("N", turn[:, None] * RESULTANT * touching),
-            f"contact_{body}/threads_torque": TermStates("N m", [0.05, -0.02, 0.01] * touching),
             "closing/largest": TermStates("N", 2.5 * touching),
             "closing/largest_time": TermStates("s", 0.75 * touching),
             "closing/tension_start": TermStates("N", 2.0 * touching),
             "closing/tension_end": TermStates("N", 1.0 * touching),
         },
-        provenance=story,
+        run=record,
     )

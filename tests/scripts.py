@@ -135,7 +135,7 @@ def entry(name: str, **keys: Any) -> str:
 
 def happened(result: exunet.Result) -> list[tuple[str, float]]:
     """Name and time of the entries that were done, in order."""
-    return [(item["entry"], item["time_s"]) for item in result.provenance["script"] if item["done"]]
+    return [(item.entry, item.time_s) for item in result.run.done]
 
 
 def only(result: exunet.Result) -> float:

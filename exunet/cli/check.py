@@ -84,7 +84,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
     net, plan = start.net, start.plan
     on = case.scene.effects.on
     off = [name for name in EFFECTS if name not in on]
-    compiled = start.scene.engine.backend == Backend.COMPILED
+    compiled = start.plan.backend == Backend.COMPILED
     items = "none: compiled loop" if compiled else _items(start)
     if plan.step is None:
         setting = f"tolerance {plan.tolerance:.3g}"
@@ -146,7 +146,7 @@ def _time(start: Start) -> str:
     if isinstance(times, str):
         return times
     run, others = (duration(time) if time >= 1.0 else "below 1 s" for time in times)
-    alone = run if start.scene.engine.backend == Backend.COMPILED else "not estimated, in Exudyn"
+    alone = run if start.plan.backend == Backend.COMPILED else "not estimated, in Exudyn"
     number = sum(runs for runs, _ in repeats(start))
     if start.scene.effects.get(Contact) is not None:
         return (

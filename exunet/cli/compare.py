@@ -22,6 +22,7 @@ from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
 from exunet.results.observables import Observables
 from exunet.results.run_folder import has_result, has_unfinished
+from exunet.results.run_record import CaseText
 from exunet.scene.casefile import parse_case
 
 SHOWN = 20  # times of states, evenly chosen, the last among them
@@ -39,7 +40,7 @@ class Design(NamedTuple):
     """
 
     name: str
-    provenance: Mapping[str, Any]
+    case: CaseText
     metrics: Mapping[str, Mapping[str, Any]]
     outcome: str
     run: ComparedRun | None
@@ -110,15 +111,14 @@ def _design(path: Path) -> Design:
     no_result = folder.is_dir() and not has_result(folder) and not has_unfinished(folder)
     if path.name == ENSEMBLE_FILE or no_result:
         ensemble = load_ensemble(path)
-        outcomes = ensemble.provenance.get("outcomes", {})
-        words = ", ".join(f"{name} {number}" for name, number in outcomes.items())
+        words = ", ".join(f"{name} {number}" for name, number in ensemble.run.outcomes.items())
         found = metrics_of_ensemble(ensemble)
-        return Design(str(path), ensemble.provenance, found, words, None, ensemble, ensemble)
+        return Design(str(path), ensemble.run.case, found, words, None, ensemble, ensemble)
     summary, result = summary_at(path), load_result(path)
     outcome = "" if summary.get("capture") is None else str(summary["capture"]["outcome"])
     around = None if result.ensemble_file is None else load_ensemble(result.ensemble_file)
     run = ComparedRun.of(result)
-    return Design(str(path), result.provenance, summary["metrics"], outcome, run, Observables(result), around)
+    return Design(str(path), result.run.case, summary["metrics"], outcome, run, Observables(result), around)
 
 
 def metrics_of_ensemble(ensemble: Ensemble) -> dict[str, dict[str, Any]]:
@@ -186,8 +186,8 @@ def _change(a: float, b: float, unit: str) -> str:
 def _keys(one: Design, other: Design) -> Iterator[str]:
     """Return the keys of both cases that differ, in words."""
     try:
-        a, b = (_flat(design.provenance) for design in (one, other))
-    except (ExunetError, KeyError):
+        a, b = (_flat(design.case) for design in (one, other))
+    except ExunetError:
         yield "not compared: a case is not stored with its result"
         return
     keys = [key for key in dict.fromkeys([*a, *b]) if key != "title" and _differ(a.get(key), b.get(key))]
@@ -211,9 +211,9 @@ def _differ(a: _Setting | None, b: _Setting | None) -> bool:
     return a[0] != b[0]
 
 
-def _flat(provenance: Mapping[str, Any]) -> dict[str, _Setting]:
+def _flat(stored: CaseText) -> dict[str, _Setting]:
     """Return the values of a case by their keys, defaults too."""
-    case = parse_case(provenance["text"], Path(str(provenance["case"])), provenance["overrides"])
+    case = parse_case(stored.text, Path(stored.name or ""), stored.overrides)
     every, given = (
         leaves(case.scene.model_dump(exclude_defaults=without), vectors=VECTOR) for without in (False, True)
     )

@@ -105,27 +105,30 @@ def run_ensemble_case(case: Case, options: EnsembleOptions) -> ExunetError | Non
 
 def rows(result: Ensemble) -> list[tuple[str, str]]:
     """Return rows (name, value): the runs, and median and range of each metric."""
-    known, runs = result.provenance, result.runs
-    setting = f"tolerance {known['tolerance']:.3g}" if known["tolerance"] else f"step {known['step']:.4g} s"
+    record, runs, plan = result.run, result.runs, result.run.plan
+    assert plan is not None
+    assert record.seconds is not None
+    assert record.move_m is not None
+    setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance else f"step {plan.step:.4g} s"
     table = [
         ("verdict", result.verdict),
-        ("runs", f"{runs} perturbed by up to {known['move_m']:g} m (seed {known['seed']})"),
-        ("method", f"{known['method']}, {setting}, compiled loop"),
-        ("wall time", f"{known['seconds']:.2f} s, {runs / known['seconds']:.3g} runs a second"),
+        ("runs", f"{runs} perturbed by up to {record.move_m:g} m (seed {record.seed})"),
+        ("method", f"{plan.method}, {setting}, compiled loop"),
+        ("wall time", f"{record.seconds:.2f} s, {runs / record.seconds:.3g} runs a second"),
     ]
-    if outcomes := known.get("outcomes"):
-        counts = ", ".join(f"{number} {name}" for name, number in outcomes.items())
+    if record.outcomes:
+        counts = ", ".join(f"{number} {name}" for name, number in record.outcomes.items())
         table.append(("capture", f"of {runs} runs: {counts}"))
-    if ends := words_of_endings(known.get("endings", [])):
+    if ends := words_of_endings(record.endings):
         table.append(("ended", f"of {runs} runs: {ends}"))
     shown = [metric for metric in result.about.values() if not metric.detail]
     table += [(metric.words, str(result.range(metric.key))) for metric in shown]
-    table += [*_elements(result), ("ranges", sensitivity(runs, known["move_m"]))]
+    table += [*_elements(result), ("ranges", sensitivity(runs, record.move_m))]
     if details := len(result.about) - len(shown):
         table.append(
             ("note", f"ensemble.h5 has {details} more metrics, of single bodies, elements and nodes")
         )
-    return table + [("note", note) for note in known.get("notes", [])]
+    return table + [("note", note) for note in record.notes]
 
 
 def _elements(result: Ensemble) -> list[tuple[str, str]]:

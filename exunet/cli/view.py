@@ -38,7 +38,7 @@ def view(path: Path, other: Path | None, out: Path | None, *, overwrite: bool) -
         report(words)
     result, folder = load_result(path), path if path.is_dir() else path.parent
     if other is None and (folder / SUMMARY).is_file():
-        write_page(place, [result], report_of(summary_at(path), str(result.provenance.get("text") or "")))
+        write_page(place, [result], report_of(summary_at(path), result.run.case.text))
     else:
         save_view(result, place, None if other is None else load_result(other))
     return place

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
+from exunet.base.run_events import ElementBreak
 from exunet.forces import cable, loops
 from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.cable import Law
@@ -243,8 +244,6 @@ class Breaking(Switch):
     Methods that choose their step are made to end one near the limit.
     """
 
-    heading = "broken"
-
     def __init__(self, term: CableTerm) -> None:
         self._net, self._law = term.net, term.law
         self._limit = breaking_lengths(term)
@@ -299,7 +298,7 @@ class Breaking(Switch):
         held = energy(strain) * stiffness * self._law.natural_length
         excess = (strain / self._at_limit) ** 2 - 1.0
         events = tuple(
-            {"element": int(e), "time_s": time, "energy_J": float(held[e]), "energy_excess": float(excess[e])}
+            ElementBreak(time_s=time, element=int(e), energy_J=float(held[e]), energy_excess=float(excess[e]))
             for e in items
         )
         intact = memory.copy()

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
+from exunet.base.run_events import ClosingEvent
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.law import STRETCH_BOUND, green_lagrange_strain, strain_at, stretch_at, tangent_at
 from exunet.forces.loops import Index
@@ -744,8 +745,6 @@ def too_long(values: Floats) -> str:
 class WinchCommands(Switch):
     """The instants at which commands of the winch come in force."""
 
-    heading = NAME
-
     def __init__(self, line: LineThroughRings) -> None:
         self.times = line.times
 
@@ -759,4 +758,4 @@ class WinchCommands(Switch):
         """Count the commands; nothing else changes."""
         after = memory.copy()
         after[0] = np.searchsorted(self.times, time, side="right")
-        return Change(after, events=({"time_s": time, "event": f"command {int(after[0])}"},))
+        return Change(after, events=(ClosingEvent(time_s=time, event=f"command {int(after[0])}"),))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
+from exunet.base.run_events import ClosingEvent
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
@@ -135,8 +136,6 @@ class Shortening:
 class _Instants(Switch):
     """When the threads begin to become shorter, and when that ends."""
 
-    heading = NAME
-
     def __init__(self, times: tuple[float, float]) -> None:
         self.times = times
 
@@ -150,7 +149,7 @@ class _Instants(Switch):
         """Count the instants; nothing else changes."""
         number = int(np.searchsorted(self.times, time, side="right"))
         words = "the edge begins to become shorter" if number == 1 else "the edge is as short as it gets"
-        return Change(np.array([float(number)]), events=({"time_s": time, "event": words},))
+        return Change(np.array([float(number)]), events=(ClosingEvent(time_s=time, event=words),))
 
 
 # Scalar loops, in the subset of Python that Numba compiles.

@@ -18,7 +18,7 @@ from __future__ import annotations
 import builtins
 import dis
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from operator import attrgetter
@@ -28,6 +28,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from exunet.base.arrays import Floats, Ints
+from exunet.base.run_events import RunEvent
 
 Function = Callable[..., Any]
 
@@ -182,13 +183,13 @@ def with_field(data: Any, path: str, value: Any) -> Any:
 class Series:
     """Numbers of a memory that results have over the stored times.
 
-    name  : "term/quantity", by which results know it
+    key   : "term/quantity", or the key of a contact, by which results know it
     units : "1" if it has none
     place : of the first among the values, from their end if negative
     size  : how many
     """
 
-    name: str
+    key: Hashable
     units: str
     place: int
     size: int = 1
@@ -238,12 +239,10 @@ class Input:
 class Switch:
     """The events of a term: when its memory changes, and how.
 
-    heading : under which the record of a run has its events; "" for events that need none
     times   : known instants [s], which steps end at
     sees_inputs : the memory is followed by the values of the term's inputs
     """
 
-    heading: str = ""
     times: tuple[float, ...] = ()
     sees_inputs: bool = False
 
@@ -331,7 +330,7 @@ class Change:
     energy_lost : [J] with the event; negative: put in. None: what the energy of the system changes by, less
                   the work that guided bodies do with it
     work_given  : this work [J], which `energy_lost` does not count
-    events      : a record of each item, JSON-like, with its "time_s"
+    events      : record of each item
     x, v        : the new state of all blocks, None: as it was
     awake       : (n_points,) which points are awake from now on (see `Blocks.awake`), None: as before; those
                   that go to sleep come to rest
@@ -344,7 +343,7 @@ class Change:
 
     memory: Floats
     energy_lost: float | None = 0.0
-    events: tuple[dict[str, Any], ...] = ()
+    events: tuple[RunEvent, ...] = ()
     x: Floats | None = None
     v: Floats | None = None
     awake: Floats | None = None

@@ -170,7 +170,7 @@ class Events:
         change = replace(change, energy_lost=own, work_given=given)
         if len(change.events) != 1:
             return change
-        return replace(change, events=({**change.events[0], "energy_lost_J": own},))
+        return replace(change, events=(replace(change.events[0], energy_lost_J=own),))
 
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or of a knot of a guide, or `until` [s]."""

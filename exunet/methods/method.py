@@ -156,6 +156,7 @@ COMPILED_METHODS = tuple(method for method, facts in METHODS.items() if facts.co
 class Plan:
     """How one run is integrated: what follows from the solver keys on this scene.
 
+    backend    : integrator of the run
     tolerance  : absolute tolerance per step [m, m/s] of an adaptive method, else None
     step       : longest step [s] of a fixed-step method, else None
     first_step : first attempt of an adaptive method [s]
@@ -166,6 +167,7 @@ class Plan:
 
     method: Method
     _: KW_ONLY
+    backend: Backend = Backend.COMPILED
     tolerance: float | None = None
     step: float | None = None
     first_step: float = 0.0
@@ -182,5 +184,5 @@ class Plan:
         """The plan that `as_json` gave."""
         longest = math.inf if stored["longest_step"] is None else stored["longest_step"]
         lists = {name: tuple(value) for name, value in stored.items() if isinstance(value, list)}
-        method = Method(stored["method"])
-        return cls(**{**stored, **lists, "method": method, "longest_step": longest})
+        names = {"method": Method(stored["method"]), "backend": Backend(stored["backend"])}
+        return cls(**{**stored, **lists, **names, "longest_step": longest})

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import LARGEST, Fault
+from exunet.base.run_events import ReelEvent
 from exunet.bodies.config import BodyThrust
 from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidBody
@@ -63,7 +64,6 @@ class Drum(Switch):
     momentum, unless the body is prescribed; the change of energy counts as dissipated.
     """
 
-    heading = "reels"
     sees_inputs = True  # commands of a script
 
     def __init__(self, winding: Winding, kinematics: Kinematics) -> None:
@@ -106,11 +106,10 @@ class Drum(Switch):
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
     ) -> Change:
         """Return the discrete state and the state after an event; the change of energy counts as lost."""
-        event: dict[str, Any] = {"tether": self._reel.name, "time_s": time}
         if _COMMAND in items:
             number = float(np.searchsorted(self._reel.times, time, side="right"))
-            events = ({**event, "event": f"command {int(number)}"},)
-            return Change(np.array([memory[ON_DRUM], number]), events=events, more=True)
+            event = ReelEvent(time_s=time, tether=self._reel.name, event=f"command {int(number)}")
+            return Change(np.array([memory[ON_DRUM], number]), events=(event,), more=True)
         moving = Layout(self._blocks).unpack(x.copy(), v.copy()).completed(self._kinematics, time, every)
         on = _ON in items
         number = memory[ON_DRUM] + 1.0 if on else memory[ON_DRUM]
@@ -121,7 +120,7 @@ class Drum(Switch):
         moved = self._conserving_momenta(time, moving, both, node, leaving)
         x, v = Layout(self._blocks).pack(moved)
         words = "goes onto the drum" if on else "comes off the drum"
-        event |= {"event": f"node {node} {words}", "node": node}
+        event = ReelEvent(time_s=time, tether=self._reel.name, event=f"node {node} {words}", node=node)
         return Change(after, None, (event,), x=x, v=v, more=True)
 
     def _coming_off(self, moving: Moving, memory: Floats) -> _Node:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from exunet.base.arrays import Floats, Ints
+from exunet.base.run_events import NetEjected
 from exunet.bodies.kinematics import Kinematics, first_given, given_states
 from exunet.bodies.rigid import RigidStates, kinetic
 from exunet.bodies.rotations import rotation_matrix
@@ -130,20 +131,20 @@ def with_energy(
     carrier = before.bodies[ejection.body].name
     speeds = launch_speeds(net, position, *velocities, after.states, ejection.body)
     nodes = np.setdiff1d(np.arange(net.n_net_nodes), before.kinematics.tied)
-    event = {
-        "time_s": 0.0,
-        "nodes": len(nodes),
-        "body": carrier,
+    event = NetEjected(
+        time_s=0.0,
+        nodes=len(nodes),
+        body=carrier,
         **speeds,
         **gains,
-        "energy_lost_J": given - energy_gained,
-    }
+        energy_lost_J=given - energy_gained,
+    )
     return ejection._replace(energy_gained=energy_gained, event=event)
 
 
 def launch_speeds(
     net: Net, position: Floats, before: Floats, after: Floats, bodies: RigidStates, body: int
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Return the largest speeds of bullets, or of all nodes without bullets, relative to the launching body.
 
     A launch adds its speeds before the recoil of the body; after it the speed relative to the body is larger.
@@ -271,7 +272,6 @@ class Ejection(Switch):
     added: Floats
     blocks: Blocks
     kinematics: Kinematics
-    heading = "ejection"
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """Return the only item, from its time on."""
@@ -300,5 +300,5 @@ class Ejection(Switch):
         speeds = launch_speeds(
             self.blocks.net, moved.position, before, moved.velocity, moved.bodies, self.held.body
         )
-        event = {"time_s": time, "nodes": len(nodes), "body": body, **speeds, **gained_by_net(*net)}
+        event = NetEjected(time_s=time, nodes=len(nodes), body=body, **speeds, **gained_by_net(*net))
         return Change(after, None, (event,), x=x, v=v)

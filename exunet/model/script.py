@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
+from exunet.base.run_events import ScriptEvent
 from exunet.base.times import reached
 from exunet.forces.body_thrust import burnt, memory_name
 from exunet.forces.cable_term import INTACT
@@ -238,7 +239,6 @@ def observed_memories(system: System) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*kept, *(item.memory for item in system.kinematics.held))))
 
 
-HEADING = "script"
 MAX_ACTIVATIONS = 100  # of an entry with `repeat`
 LOCATED_TO = 1e-7  # [s] to which a crossing is located
 _NOTHING = np.zeros(0, dtype=np.int64)
@@ -381,8 +381,6 @@ class ScriptEvents(Watch):
     An entry is armed at its time, or after another entry. From then on it is due as soon as its condition
     holds, at once without a condition. Entries due at one instant happen in the order of the script.
     """
-
-    heading = HEADING
 
     def __init__(
         self, entries: tuple[ScriptEntry, ...], sources: Sources, damping: Mapping[str, float | None]
@@ -626,13 +624,12 @@ class ScriptEvents(Watch):
             self._came_true[k] = row.true
         times, state = row.times + 1.0, RESTING if entry.repeat else DONE
         words = "; ".join((entry.action_words, *self._remarks(k, rows, time, every)))
-        event = self._event(entry, time, words) | {"done": True}
-        event |= {"verdict": entry.verdict} if entry.do == "stop" else {}
-        events = [event]
+        details: dict[str, Any] = {"verdict": entry.verdict} if entry.do == "stop" else {}
+        events = [replace(self._event(entry, time, words), done=True)]
         if entry.repeat and times >= MAX_ACTIVATIONS:
             state = DONE
             words = f"disabled after {MAX_ACTIVATIONS} activations"
-            events.append(self._event(entry, time, words) | {"used_up": True})
+            events.append(replace(self._event(entry, time, words), used_up=True))
         row = row._replace(state=state, since=time, times=times)
         if entry.condition_name in QUANTITIES:
             now = self._look(self._now(time, x, v, memory))
@@ -641,17 +638,17 @@ class ScriptEvents(Watch):
         if entry.when is not None:
             unit = QUANTITIES[entry.condition_name].unit if entry.condition_name in QUANTITIES else "1"
             crossed = self._came_true.pop(k, time)
-            event |= {"crossed_s": crossed, "value": row.value, "unit": unit}
-        what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
+            details |= {"crossed_s": crossed, "value": row.value, "unit": unit}
+        what: dict[str, Any] = {"stops": entry.do == "stop"}
         if entry.do == "cut":
             first = self._cut_at(entry)
             if every[INTACT][first]:
                 after = every[INTACT].copy()
-                after[first], event["element"] = 0.0, first
+                after[first], details["element"] = 0.0, first
                 what |= {"others": {INTACT: after}, "energy_lost": None}
         elif entry.tie is not None:
             what |= self._release(entry.tie, time, x, v, every)
-            event |= {
+            details |= {
                 "tie": entry.tie,
                 "node": int(self._sources.system.kinematics.ties[entry.tie].points[0]),
             }
@@ -664,9 +661,9 @@ class ScriptEvents(Watch):
         elif entry.do == "set":
             assert entry.on is not None
             assert entry.value is not None
-            effect, details = changed(self._sources.system, entry.on, entry.value, (time, x, v), every)
+            effect, more = changed(self._sources.system, entry.on, entry.value, (time, x, v), every)
             what |= effect
-            event |= details
+            details |= more
         elif entry.do == "control":
             what["others"] = {CONTROL: started(every[CONTROL], time)}
         elif entry.do == "release_control":
@@ -675,7 +672,7 @@ class ScriptEvents(Watch):
             what["others"] = {HELD: np.array([every[HELD][NODES], 1.0])}
         else:
             what["others"] = self._commands(entry)
-        return self._put(memory, k, row, **what)
+        return self._put(memory, k, row, events=(replace(events[0], **details), *events[1:]), **what)
 
     def _remarks(self, number: int, rows: list[Row], time: float, every: Memories) -> Iterator[str]:
         """Yield remarks on an entry: that it replaces a command, or has no effect."""
@@ -723,9 +720,8 @@ class ScriptEvents(Watch):
         return Change(after, more=not stops, **what)
 
     @staticmethod
-    def _event(entry: ScriptEntry, time: float, words: str) -> dict[str, Any]:
-        cause = entry.trigger_words
-        return {"time_s": time, "entry": entry.name, "cause": cause, "event": words, "done": False}
+    def _event(entry: ScriptEntry, time: float, words: str) -> ScriptEvent:
+        return ScriptEvent(time_s=time, entry=entry.name, cause=entry.trigger_words, event=words)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
+from exunet.base.run_events import NetEjected
 from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidBody, RigidStates
 from exunet.forces.blocks import AWAKE, Blocks
@@ -30,7 +30,7 @@ class InitialEjection(NamedTuple):
     impulse, angular_impulse : (3,) given to what is ejected [N s], about the scene's origin [N m s]
     work     : of both on the moving body [J]: given by a body with prescribed motion
     energy_gained  : change of the total energy [J]
-    event    : as the record of a run reports it
+    event    : of the record of a run
     """
 
     body: int
@@ -38,7 +38,7 @@ class InitialEjection(NamedTuple):
     angular_impulse: Floats
     work: float
     energy_gained: float = 0.0
-    event: Mapping[str, Any] = MappingProxyType({})
+    event: NetEjected | None = None
 
 
 @dataclass(frozen=True, eq=False)

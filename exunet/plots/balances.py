@@ -12,7 +12,7 @@ from exunet.base.arrays import Floats
 from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, Source, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, fill, finish, stacked_axes
 from exunet.results import measures as metrics
-from exunet.results.ensemble import ALONG, directions
+from exunet.results.ensemble import directions
 from exunet.results.measures import IMPULSE_OF, KINDS, momenta
 from exunet.results.observables import DISSIPATED, Observables, momentum_name
 from exunet.results.result import Result
@@ -146,7 +146,7 @@ def momentum(source: Source) -> Figure | None:
     largest = sorted(series, key=lambda name: -_share(series, name))[: MAX_CURVES - 1]
     shown = [name for name in series if name in largest]
     styles = dict(zip(shown, curve_styles(len(shown)), strict=True))
-    stored = {} if ensemble is None else ensemble.provenance.get(ALONG, {})
+    stored = {} if ensemble is None else ensemble.run.momenta_along
     along_of = directions(series) | {kind: np.array(vector) for kind, vector in stored.items()}
     figure, axes = stacked_axes(source, [""] * len(KINDS), 125.0)
     for panel, (kind, columns) in zip(axes, KINDS.items(), strict=True):

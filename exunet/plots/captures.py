@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from exunet.base.arrays import Floats
-from exunet.forces.contact.status import OF_BODY
+from exunet.forces.contact.status import ContactKey
 from exunet.net.areas import mouth_diameter
 from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, Source, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, finish, from_zero, stacked_axes
-from exunet.results.observables import CONTACT, EDGE, LINE, TOUCHING
+from exunet.results.observables import EDGE, LINE
 from exunet.results.result import Result, over_blocks
 
 Line = tuple[str | None, str, str]  # label, colour and style
 
-_FORCE = "_force"
 _CONTACT = (("touching", "number of contacts [1]"), ("force", "normal force [N]"))
 _CAPTURE = (
     (
@@ -40,31 +40,23 @@ def contacts(source: Source) -> Figure | None:
     Of more than eight pairs those with the largest forces.
     """
     result = source.result
-    pairs = [
-        (body, what)
-        for name in result.states
-        if name.startswith(CONTACT) and name.endswith(_FORCE)
-        for body, _, what in [name.removeprefix(CONTACT).removesuffix(_FORCE).rpartition("/")]
-        if what in TOUCHING or what.startswith(OF_BODY)
-    ]
+    forces = [key for key in result.contacts if key.quantity == "force"]
 
-    def name_of(pair: tuple[str, str], quantity: str) -> str:
-        return f"{CONTACT}{pair[0]}/{pair[1]}_{quantity}"
+    def over_time(key: ContactKey, quantity: str) -> Floats:
+        return source.run.contact(replace(key, quantity=quantity))
 
-    def over_time(pair: tuple[str, str], quantity: str) -> Floats:
-        return np.asarray(result.states[name_of(pair, quantity)].values[:])[:, 0]
-
-    touching = [pair for pair in pairs if any(np.any(over_time(pair, quantity)) for quantity, _ in _CONTACT)]
+    touching = [key for key in forces if any(np.any(over_time(key, quantity)) for quantity, _ in _CONTACT)]
     if not touching:
         return None
-    shown = sorted(touching, key=lambda pair: -float(over_time(pair, "force").max()))[:MAX_CURVES]
+    shown = sorted(touching, key=lambda key: -float(over_time(key, "force").max()))[:MAX_CURVES]
     styles = dict(zip(shown, curve_styles(len(shown)), strict=True))
     figure, panels = stacked_axes(source, [label for _, label in _CONTACT], 115.0)
     for axes, (quantity, _) in zip(panels, _CONTACT, strict=True):
-        for place, (pair, style) in enumerate(styles.items()):
-            label = f"{pair[1].removeprefix(OF_BODY)} on {pair[0]}" if axes is panels[0] else None
-            curve(axes, result.time, over_time(pair, quantity), place / len(shown), label=label, **style)
-        draw_bands(axes, source.ensemble, {name_of(pair, quantity): styles[pair]["color"] for pair in shown})
+        for place, (key, style) in enumerate(styles.items()):
+            label = f"{key.other} on {key.body}" if axes is panels[0] else None
+            curve(axes, result.time, over_time(key, quantity), place / len(shown), label=label, **style)
+        colors = {str(replace(key, quantity=quantity)): style["color"] for key, style in styles.items()}
+        draw_bands(axes, source.ensemble, colors)
         from_zero(axes)
     more = len(touching) - len(shown)
     return finish(source, figure, [f"{more} more, with smaller forces"] if more else [])

@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from exunet.base.arrays import Floats
-from exunet.forces.corner_units import NAME as UNITS
 from exunet.plots.style import (
     BLACK,
     BLUE,
@@ -170,7 +169,7 @@ def rotation(source: Source) -> Figure | None:
 
 def control(source: Source) -> Figure | None:
     """Thrust of each corner unit, its mean between stored times, with bands of perturbed runs."""
-    result = source.result
+    result, units = source.result, source.result.run.units
     spent = source.run.spent
     if spent is None or len(result.time) < 2 or not np.any(np.diff(spent, axis=0)):
         return None
@@ -180,7 +179,7 @@ def control(source: Source) -> Figure | None:
     styles = curve_styles(count) if count <= MAX_CURVES else [{"color": BLACK}] * count
     if count <= MAX_CURVES:
         for k, style in enumerate(styles):
-            label = f"bullet {result.provenance[UNITS]['bullets'][k]}"
+            label = f"bullet {units.bullets[k]}" if units else f"unit {k}"
             curve(axes, middle, thrust[:, k], k / count, label=label, **style)
     else:
         many_curves(axes, middle, thrust, f"{count} units (dark to light)")

@@ -25,13 +25,10 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape, TriangleMesh
 from exunet.bodies.touched import surface_shown
 from exunet.plots.style import BLACK, BLUE, RED, SMALL
-from exunet.results.capture import RULE
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import attached_nodes, broken_at
 from exunet.results.measures import centre_of_mass
-from exunet.results.observables import CONTACT
 from exunet.results.penetration import contact_places
-from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
 
 FROM_FRONT, FROM_SIDE = (0.0, 0.0, 1.0), (1.0, 0.55, 0.6)  # to the viewer; the y axis points upwards
@@ -89,8 +86,8 @@ class Scene3D:
 def scene_3d(result: Result, chosen: Sequence[int]) -> Scene3D:
     """Choose the view of stored times: all of the scene, or of a scene that is much larger the net."""
     net, shapes = result.net, rounded_shapes(result)
-    target = (result.provenance.get(RULE) or {}).get("target") or ("target" if "target" in shapes else None)
-    first = target or next(iter(shapes), None)
+    rule, default = result.run.capture, "target" if "target" in shapes else next(iter(shapes), None)
+    first = default if rule is None else rule.target
     bodies = tuple(
         Body(
             name,
@@ -193,7 +190,7 @@ def draw(axes: Axes, scene: Scene3D, k: int, colors: Any = BLUE, width: float = 
     widths[net.n_net_elements :] = 1.6 * width
     of_all = np.broadcast_to(np.asarray(to_rgba_array(colors)), (net.n_elements, 4))
     drawn += _lines(axes, position[net.element_nodes[kept]], of_all[kept], widths[kept], hiding, slack, 2.0)
-    path = np.array(SceneProvenance.of(result.provenance).closing_path, dtype=np.int64)
+    path = np.array(result.run.closing_path, dtype=np.int64)
     line = np.stack([position[path[:-1]], position[path[1:]]], axis=1)
     black = np.broadcast_to(np.asarray(to_rgba_array(BLACK)), (len(line), 4))
     drawn += _lines(axes, line, black, np.full(len(line), 1.8 * width), hiding, slack, 2.2)
@@ -319,11 +316,11 @@ def entries(scene: Scene3D, thread: str | None = BLUE) -> list[Any]:
     found: list[Any] = []
     if thread is not None and net.n_elements:
         found.append(Line2D([], [], color=thread, linewidth=1.0, label="threads"))
-    if SceneProvenance.of(result.provenance).closing_path:
+    if result.run.closing_path:
         found.append(Line2D([], [], color=BLACK, linewidth=1.6, label="closing line"))
     if len(net.bullet_nodes):
         found.append(_dot(BLACK, "bullets"))
-    if any(name.startswith(CONTACT) for name in result.states):
+    if result.contacts:
         found.append(_dot(RED, "contact of a thread"))
     for grey in (TARGET, OTHER):
         names = [body.name for body in scene.bodies if body.surface is not None and body.grey == grey]

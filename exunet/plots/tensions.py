@@ -28,7 +28,7 @@ from exunet.plots.time_axes import (
 )
 from exunet.results.ensemble import Range
 from exunet.results.loads import PACKED, attached_nodes, attachment_loads
-from exunet.results.measures import has_peaks_of_all_steps, largest_tensions, peak_tensions
+from exunet.results.measures import largest_tensions, peak_tensions
 from exunet.results.observables import PULLS, pull_name
 from exunet.results.result import Result
 
@@ -43,15 +43,16 @@ def largest_tension(source: Source) -> Figure | None:
     """
     result, ensemble = source.result, source.ensemble
     values = largest_tensions(result) if result.net.n_elements else np.zeros(0)
-    peak = result.provenance.get("largest_tension") or {"element": -1}
-    if not np.any(values) and peak["element"] < 0:
+    peak = result.run.largest_tension
+    taut = peak is not None and peak.element >= 0
+    if not np.any(values) and not taut:
         return None
     figure, (axes,) = stacked_axes(source, ["tension [N]"], 90.0)
     curve(axes, result.time, values, label="largest at each stored time", color=BLUE, linewidth=1.2)
-    if peak["element"] >= 0:
+    if peak is not None and taut:
         label = "largest of all steps of this run"
         style: dict[str, Any] = {"color": RED, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
-        axes.plot(peak["time_s"], peak["tension_N"], "o", label=label, **style)
+        axes.plot(peak.time, peak.tension, "o", label=label, **style)
     draw_bands(axes, ensemble, {"tension": BLACK})
     if ensemble is not None and "time_of_largest_tension_s" in ensemble.metrics:
         times, peaks = (ensemble.metrics[k] for k in ("time_of_largest_tension_s", "largest_tension_N"))
@@ -178,7 +179,7 @@ def loads_on_bodies(source: Source) -> Figure | None:
 
 def _steps(result: Result, *largest: Range | None) -> str:
     """Return which steps the largest tensions are of; values that are not certain are of this run."""
-    steps = "of all steps" if has_peaks_of_all_steps(result) else "at the stored times"
+    steps = "at the stored times" if result.run.peak_tensions_N is None else "of all steps"
     certain = all(metric is not None and metric.known for metric in largest)
     return steps if certain else f"{steps} of this run"
 

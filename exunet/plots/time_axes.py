@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats
 from exunet.plots.style import BLACK, ROUND, SMALL, Source, legend_above, new_figure
 from exunet.results.ensemble import Ensemble, Range
-from exunet.results.provenance import done
 from exunet.results.result import Result
 
 TIME = "time [s]"
@@ -48,7 +47,7 @@ def stacked_axes(
     x_label : str
         Label with unit of the horizontal axis.
     """
-    has_events = x_label == TIME and done(source.result.provenance)
+    has_events = x_label == TIME and source.result.run.done
     figure = new_figure(source, height + (_EVENT_HEIGHT if has_events else 0.0))
     grid = figure.subplots(len(labels), 1, sharex=True, height_ratios=ratios, squeeze=False)[:, 0]
     for axes, label in zip(grid, labels, strict=True):
@@ -202,16 +201,16 @@ def _mark_events(figure: Figure, result: Result) -> None:
     Names that would overlap are joined; an entry with several events is named at the first.
     """
     low, high = figure.axes[-1].get_xlim()
-    events = [event for event in done(result.provenance) if low <= event["time_s"] <= high]
+    events = [event for event in result.run.done if low <= event.time_s <= high]
     if not events:
         return
     for axes in figure.axes:
         for event in events:
-            axes.axvline(event["time_s"], color="0.6", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.9)
+            axes.axvline(event.time_s, color="0.6", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.9)
         axes.set_xlim(low, high)
     first: dict[str, float] = {}
     for event in events:
-        first.setdefault(event["entry"], event["time_s"])
+        first.setdefault(event.entry, event.time_s)
     gap = (high - low) * _EVENT_GAP / (0.85 * 72.0 * figure.get_figwidth())
     places: list[float] = []
     names: list[str] = []

@@ -28,11 +28,10 @@ from exunet.net.arrays import Net
 from exunet.plots.nets import evenly_spaced
 from exunet.plots.scene_3d import free_nodes
 from exunet.plots.time_axes import rows_with_extremes
-from exunet.results.capture import RULE, capture_of
+from exunet.results.capture import capture_of
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import Peak, broken_at
 from exunet.results.observables import (
-    CONTACT,
     LINE,
     Observables,
     TimeSeries,
@@ -42,7 +41,6 @@ from exunet.results.observables import (
 )
 from exunet.results.outcome import Outcome, outcome
 from exunet.results.penetration import contact_forces, contact_places
-from exunet.results.provenance import SceneProvenance
 from exunet.results.result import Result
 from exunet.results.summary import Event, timeline
 from exunet.results.table import GAP, Report
@@ -146,7 +144,6 @@ def _run(
     frames = evenly_spaced(result.time, min(len(result.time), most))
     position = np.asarray(result.position[frames]) - origin
     bodies = {body: np.asarray(states.position[frames]) - origin for body, states in result.bodies.items()}
-    scene = SceneProvenance.of(result.provenance)
     extremes = [position.reshape(-1, 3), *bodies.values()]
     low = np.min([part.min(axis=0) for part in extremes if len(part)], axis=0)
     high = np.max([part.max(axis=0) for part in extremes if len(part)], axis=0)
@@ -169,7 +166,7 @@ def _run(
             "contactStarts": np.searchsorted(rows, np.arange(len(frames) + 1)).astype("<u4"),
             "contactElements": elements.astype("<u4"),
             "contactPlaces": np.rint(255 * places[rows, elements]).astype("u1"),
-            "closingPath": np.array(scene.closing_path, dtype="<u4"),
+            "closingPath": np.array(result.run.closing_path, dtype="<u4"),
             "seriesTime": time,
         }.items()
     }
@@ -181,7 +178,7 @@ def _run(
             if key == "values" or values is not time
         }
         series.append(about)
-    title = result.provenance.get("title") or "exunet"
+    title = result.run.title or "exunet"
     return {
         "title": str(title),
         "verdict": "" if result.complete else f"INCOMPLETE: {result.verdict}",
@@ -190,7 +187,7 @@ def _run(
         "nodes": net.n_nodes,
         "netNodes": net.n_net_nodes if net.n_net_elements else net.n_nodes,
         "size": _size(net, high - low),
-        "up": (up := scene.up or [0.0, 1.0, 0.0]),
+        "up": (up := result.run.up or [0.0, 1.0, 0.0]),
         "direction": _direction(high - low, np.array(up)),
         "corner": low.tolist(),
         "resolution": resolution,
@@ -204,7 +201,7 @@ def _run(
         "tethers": [[own.start, own.stop] for own in net.tether_elements.values()],
         "reels": [
             {"name": reel, "node": node, "series": k}
-            for reel, node in scene.drums.items()
+            for reel, node in result.run.drums.items()
             for k, item in enumerate(series)
             if item["name"] == f"{reel}/wound_up"
         ],
@@ -255,8 +252,9 @@ def _travels(position: Floats, net: Net) -> bool:
 def _bodies(
     result: Result, frames: list[int], places: dict[str, Floats], name: str, arrays: Arrays, origin: Floats
 ) -> list[dict[str, Any]]:
-    shapes, target = rounded_shapes(result), (result.provenance.get(RULE) or {}).get("target")
-    first = target or ("target" if "target" in result.bodies else next(iter(result.bodies), None))
+    shapes, rule = rounded_shapes(result), result.run.capture
+    first = "target" if "target" in result.bodies else next(iter(result.bodies), None)
+    first = first if rule is None else rule.target
     pressed, found = contact_forces(result, frames), []
     for k, (body, states) in enumerate(result.bodies.items()):
         none = np.zeros((0, 3))
@@ -348,7 +346,6 @@ def _series(run: Observables, measured: bool) -> tuple[list[tuple[dict[str, Any]
     series = []
     for item, chosen in found:
         group, label = known.get(item.name, (_group(item), ""))
-        body, _, quantity = item.name.removeprefix(CONTACT).rpartition("/")
         order = (k for k, end in enumerate(_SHOWN) if item.name.endswith(end))
         about = {
             "name": item.name,
@@ -357,9 +354,7 @@ def _series(run: Observables, measured: bool) -> tuple[list[tuple[dict[str, Any]
             "group": group,
             "unit": item.unit,
             "shown": next(order, _HIDDEN) if np.any(item.values) else _HIDDEN,
-            "contact": body
-            if item.name.startswith(CONTACT) and quantity.endswith(("force", "touching"))
-            else "",
+            "contact": "" if item.contact is None else item.contact.body,
         }
         own = time if chosen is rows else result.time[few]
         series.append((about, np.asarray(item.values)[chosen].astype("<f4"), own))
@@ -383,7 +378,7 @@ def _group(item: TimeSeries) -> str:
         return item.words.rpartition(",")[0]
     if item.name.startswith("distance"):
         return "distance"
-    if item.name.startswith(CONTACT):
-        body = item.name.removeprefix(CONTACT).rpartition("/")[0]
+    if item.contact is not None:
+        body = item.contact.body
         return f"contact force on {body}, stored states" if item.unit else f"number in contact with {body}"
     return item.words

@@ -7,7 +7,6 @@ of the mouth distinguish the two. Of a net in pieces the largest piece is measur
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -30,7 +29,6 @@ from exunet.results.loads import broken_at
 from exunet.results.result import Result, row_ranges
 from exunet.scene.capture import Capture
 
-RULE = "capture_rule"  # in the story of a result
 _ROWS = 256  # states that are looked at in one go
 # Scrambled Halton points in a target, which are counted for the enclosed part: a part of a box that a plane
 # cuts off is known to 8.4e-4 (rms) and at worst 2.6e-3 over 150 random planes.
@@ -132,12 +130,6 @@ def halton(first: int, count: int, seed: int) -> Floats:
             row += permutation[digit] * value
             value /= base
     return points.T
-
-
-def rule_of(result: Result) -> Capture | None:
-    """The rule of its case; None without one."""
-    rule = result.provenance.get(RULE)
-    return None if rule is None else Capture.model_validate_json(json.dumps(rule))
 
 
 def capture_of(result: Result, rule: Capture, rows: Sequence[int] | None = None) -> Measures:

@@ -19,7 +19,6 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
 from exunet.bodies.distance import Mover, Path, approach, distances
 from exunet.bodies.shapes import Shape, unpacked
-from exunet.results.provenance import SceneProvenance
 from exunet.results.result import BodyStates, Result
 
 Pair = tuple[str, str]
@@ -98,11 +97,9 @@ def shapes_of(result: Result) -> dict[str, Shape]:
 
 def rounded_shapes(result: Result) -> dict[str, Shape]:
     """The same with the radii of their edges and the spacings of their grids, as contact takes them."""
-    scene = SceneProvenance.of(result.provenance)
+    edges, grids = result.run.edge_radii, result.run.grid_spacings
     return {
-        name: replace(
-            shape, edge_radius=scene.edge_radii.get(name, 0.0), grid_spacing=scene.grid_spacings.get(name)
-        )
+        name: replace(shape, edge_radius=edges.get(name, 0.0), grid_spacing=grids.get(name))
         for name, shape in shapes_of(result).items()
     }
 

@@ -249,7 +249,7 @@ class ComparedRun:
     def of(cls, result: Result) -> ComparedRun:
         """The states of one of exunet's results."""
         net = cls.of_net(result.net, result.time, result.position, result.velocity, result.complete)
-        broken = tuple((item["element"], item["time_s"]) for item in result.provenance.get("broken") or ())
+        broken = tuple((event.element, event.time_s) for event in result.run.breaks)
         of_tethers = result.net.n_nodes - result.net.n_net_nodes
         return replace(net, bodies=result.bodies, broken=broken, n_of_tethers=of_tethers)
 

@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -31,8 +31,8 @@ from exunet.results.measures import KINDS, direction
 from exunet.results.metrics import Metric, metrics_of, printed, without_values
 from exunet.results.observables import Observables, TimeSeries, momentum_name, time_series
 from exunet.results.outcome import outcome
-from exunet.results.provenance import ending
 from exunet.results.result import Result, table
+from exunet.results.run_record import Ending, EnsembleRecord, Recorded
 
 if TYPE_CHECKING:
     import h5py
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 
 FORMAT = 2
-ALONG = "momenta_along"  # in the provenance: directions in the scene's axes of the momenta over time, by kind
 LEVELS = (
     0.0,
     0.05,
@@ -92,7 +91,7 @@ def member_of(result: Result) -> Member:
         metrics=metrics_of(run),
         series={series.name: series for series in time_series(run)},
         momenta={name: part.gained[:, :6] for name, part in run.momenta.items()},
-        stopped=ending(result.provenance),
+        stopped="" if result.run.stop is None else result.run.stop.verdict or "",
         outcome="" if found is None else found.outcome.value,
     )
 
@@ -136,7 +135,7 @@ def sensitivity(runs: int, move: float) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Ensemble(ShortRepr):
+class Ensemble(ShortRepr, Recorded):
     """Metrics of many runs of a case, and quantiles of their time series.
 
     metrics   : (runs,) by key, such as "largest_tension_N", of each run until its end; NaN where a run
@@ -147,10 +146,7 @@ class Ensemble(ShortRepr):
     quantiles : (q, t) by name of the quantity, such as "area" [m2] or "contact_target/threads_force" [N], of
                 the runs that have not ended; SI units
     series    : what each of these quantities is, by name, without values
-    complete  : False if the ensemble was stopped before its last run
-    verdict   : "ok", or why it stopped
-    provenance : case text, seed, move_m, versions, method, counts, of a case with bodies the directions of
-                 the changes of momenta, "momenta_along" (JSON-like)
+    run       : record of the start and of the perturbations, with the verdict
     """
 
     metrics: Mapping[str, Floats]
@@ -159,9 +155,7 @@ class Ensemble(ShortRepr):
     levels: Floats
     quantiles: Mapping[str, Floats]
     series: Mapping[str, TimeSeries]
-    complete: bool = True
-    verdict: str = "ok"
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    run: EnsembleRecord = field(default_factory=EnsembleRecord)
 
     @property
     def runs(self) -> int:
@@ -224,9 +218,7 @@ class Ensemble(ShortRepr):
 def ensemble_of(
     members: Sequence[Member],
     *,
-    complete: bool = True,
-    verdict: str = "ok",
-    provenance: Mapping[str, Any],
+    run: EnsembleRecord | None = None,
     along: Mapping[str, Floats] | None = None,
 ) -> Ensemble:
     """Make the ensemble of at least one member.
@@ -249,18 +241,18 @@ def ensemble_of(
         quantiles[name] = _quantiles([member.series[name].values for member in members], lengths)
     for kind, columns in KINDS.items() if along else ():
         for part in members[0].momenta:
-            name, unit = momentum_name(kind, part), "kg m/s" if kind == "linear" else "kg m2/s"
-            words = f"change of the {name.partition('/')[0].replace('_', ' ')} of {part} along a direction"
+            name = momentum_name(kind, part)
+            what, unit = ("momentum", "kg m/s") if kind == "linear" else ("angular momentum", "kg m2/s")
+            words = f"change of the {what} of {part} along a direction"
             series[name] = TimeSeries(name, words, unit, np.zeros(0))
             changes = [member.momenta[part][:, columns] @ along[kind] for member in members]
             quantiles[name] = _quantiles(changes, lengths)
-    found: dict[str, Any] = {}
-    if along:
-        found[ALONG] = {kind: vector.tolist() for kind, vector in along.items()}
-    if outcomes := dict(Counter(member.outcome for member in members if member.outcome).most_common()):
-        found["outcomes"] = outcomes
-    if ends := endings(members):
-        found["endings"] = ends
+    record = replace(
+        run or EnsembleRecord(),
+        outcomes=dict(Counter(member.outcome for member in members if member.outcome).most_common()),
+        endings=endings(members),
+        momenta_along={kind: vector.tolist() for kind, vector in along.items()},
+    )
     return Ensemble(
         metrics=values,
         about=about,
@@ -268,9 +260,7 @@ def ensemble_of(
         levels=np.array(LEVELS),
         quantiles=quantiles,
         series=series,
-        complete=complete,
-        verdict=verdict,
-        provenance={**provenance, **found},
+        run=record,
     )
 
 
@@ -298,28 +288,24 @@ def directions(momenta: Mapping[str, Floats]) -> dict[str, Floats]:
     }
 
 
-def endings(members: Sequence[Member]) -> list[dict[str, Any]]:
-    """Return how runs ended: verdict of the script or None, number of runs, from when to when [s].
-
-    The most frequent first; empty if a script ended no run.
-    """
+def endings(members: Sequence[Member]) -> tuple[Ending, ...]:
+    """Return how runs ended, the most frequent ending first; empty if a script ended no run."""
     if not any(member.stopped for member in members):
-        return []
+        return ()
     found = []
     for verdict, number in Counter(member.stopped for member in members).most_common():
         times = [float(member.time[-1]) for member in members if member.stopped == verdict]
-        ends = {"earliest_s": min(times), "latest_s": max(times)}
-        found.append({"verdict": verdict or None, "runs": number, **ends})
-    return found
+        found.append(Ending(verdict or None, number, min(times), max(times)))
+    return tuple(found)
 
 
-def words_of_endings(found: Sequence[Mapping[str, Any]]) -> str:
+def words_of_endings(found: Iterable[Ending]) -> str:
     """Return `endings` in words; "" without."""
     parts = []
     for item in found:
-        low, high = (f"{item[name]:.4g}" for name in ("earliest_s", "latest_s"))
-        how = "at the end time," if item["verdict"] is None else f'by the script ("{item["verdict"]}")'
-        parts.append(f"{item['runs']} {how} at {low if low == high else f'{low} to {high}'} s")
+        low, high = f"{item.earliest_s:.4g}", f"{item.latest_s:.4g}"
+        how = "at the end time," if item.verdict is None else f'by the script ("{item.verdict}")'
+        parts.append(f"{item.runs} {how} at {low if low == high else f'{low} to {high}'} s")
     return f"{'; '.join(parts)}; metrics are of each run until its own end" if parts else ""
 
 
@@ -341,9 +327,7 @@ def save_ensemble(result: Ensemble, path: str | Path, *, overwrite: bool = False
     with new_file(path) as (file, _):
         put_text(file, "kind", ENSEMBLE_KIND)
         file.attrs["format"] = FORMAT
-        file.attrs["complete"] = bool(result.complete)
-        put_text(file, "verdict", result.verdict)
-        put_text(file, "provenance", json.dumps(dict(result.provenance), sort_keys=True, allow_nan=False))
+        put_text(file, "run", result.run.to_json())
         for key, values in result.metrics.items():
             put(file, f"metrics/{key}", values, result.about[key].unit or "1", result.about[key].words)
             put_text(file[f"metrics/{key}"], "about", json.dumps(about[key]))
@@ -399,9 +383,7 @@ def _read(file: h5py.File, path: Path) -> Ensemble:
         levels=file["levels"][...],
         quantiles=quantiles,
         series=series,
-        complete=bool(file.attrs["complete"]),
-        verdict=_text(file, "verdict"),
-        provenance=json.loads(_text(file, "provenance")),
+        run=EnsembleRecord.from_json(_text(file, "run")),
     )
 
 

@@ -24,7 +24,6 @@ from exunet.bodies.touched import surface_shown
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import broken_at
 from exunet.results.observables import LINE, Observables, further_series, time_series
-from exunet.results.provenance import SceneProvenance
 from exunet.results.result import PATHS, Result, row_ranges
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ def _write_csv(run: Observables, path: Path) -> None:
 def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
     import h5py
 
-    net, scene = result.net, SceneProvenance.of(result.provenance)
+    net = result.net
     with replacing(path) as part, h5py.File(part, "w", libver=("v110", "v110")) as file:
         root = file.create_group("VTKHDF", track_order=True)
         _describe(root, "PartitionedDataSetCollection")
@@ -126,8 +125,8 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
         _offsets(group, "CellData", sizes, len(result.time))
         _offsets(group, "PointData", {"velocity": net.n_nodes}, len(result.time))
 
-        if scene.closing_path:
-            nodes = np.array(scene.closing_path)
+        if result.run.closing_path:
+            nodes = np.array(result.run.closing_path)
             pieces = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
             group = block("closing_line", {"Lines": pieces}, len(nodes))
             if source is None:

@@ -13,7 +13,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
@@ -25,6 +25,7 @@ from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError, UnsoundStates
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.base.interrupt import postponed
+from exunet.forces.contact.status import ContactKey
 from exunet.net.arrays import Net, TetherNodes
 from exunet.results.result import (
     CONSTANTS,
@@ -44,6 +45,7 @@ from exunet.results.result import (
     row_ranges,
     state_column,
 )
+from exunet.results.run_record import RunRecord
 from exunet.results.store import STORE_FILE, FileStore, MemoryStore, RowSource
 
 if TYPE_CHECKING:
@@ -194,7 +196,7 @@ def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
 
     The file appears whole or not at all. Raises InputError, and writes nothing, if there is a file of that
     name and `overwrite` is False, if an array contains NaN or infinity or has a shape that does not fit, if
-    the stored times do not increase, if the provenance is not JSON-like, or if the file cannot be written.
+    the stored times do not increase, if its record has NaN or infinity, or if the file cannot be written.
     """
     path = path_of(path, "save")
     if not overwrite and os.path.isfile(path):
@@ -204,7 +206,7 @@ def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
         for name, body in result.bodies.items()
     }
     source = _ResultRows(result, bodies, _where(path))
-    write_rows(source, path, result.net, bodies, result.provenance, result.verdict, result.complete)
+    write_rows(source, path, result.net, bodies, result.run)
 
 
 def write_rows(
@@ -212,15 +214,13 @@ def write_rows(
     path: str | Path,
     net: Net,
     bodies: Mapping[str, BodyConstants],
-    provenance: Mapping[str, Any],
-    verdict: str,
-    complete: bool,
+    run: RunRecord,
 ) -> None:
     """Write the rows of `source` to a result file, about a megabyte at a time; see `save`."""
     where = _where(path)
     validate_times(source.read("time", 0, len(source)), where)
     with new_file(path) as (file, sink):
-        _put_head(file, where, net, bodies, provenance, verdict, complete)
+        _put_head(file, where, net, bodies, run)
         for column in sorted(source.columns, key=lambda column: column.path):
             count, size = len(source), len(source) * column.row_bytes
             rows = max(1, min(count, CHUNK_BYTES // max(1, column.row_bytes)))
@@ -234,15 +234,17 @@ def write_rows(
                     dataset[start:stop] = values
                 sink.refuse()
             _describe(dataset, column.units, column.description)
+            if column.key is not None:
+                put_text(dataset, "key", json.dumps(astuple(column.key)))
 
 
-def head_of(net: Net, bodies: Mapping[str, BodyConstants], provenance: Mapping[str, Any]) -> bytes:
+def head_of(net: Net, bodies: Mapping[str, BodyConstants], run: RunRecord) -> bytes:
     """Return a result file without rows, for a run that goes on; raises InputError as `save`."""
     import h5py
 
     stream = io.BytesIO()
     with h5py.File(stream, "w", libver=HDF5_VERSIONS) as file:
-        _put_head(file, "the run", net, bodies, provenance, "", complete=False)
+        _put_head(file, "the run", net, bodies, run)
     return stream.getvalue()
 
 
@@ -258,11 +260,11 @@ class _ResultRows:
         for name, properties in bodies.items():
             for quantity in body_quantities(properties):
                 arrays[body_path(name, quantity)] = getattr(result.bodies[name], quantity)
-        of_terms = [
-            state_column(name, states.values.shape[1], states.units)
-            for name, states in sorted(result.states.items())
-        ]
-        arrays |= {STATES + name: states.values for name, states in result.states.items()}
+        of_terms = {
+            state_column(key, states.values.shape[1], states.units): states.values
+            for key, states in (*result.states.items(), *result.contacts.items())
+        }
+        arrays |= {column.path: values for column, values in of_terms.items()}
         self._arrays = {path: values for path, values in arrays.items() if values is not None}
         declared = (*declare(result.net.n_nodes, result.net.n_elements, bodies), *of_terms)
         self.columns = tuple(column for column in declared if column.path in self._arrays)
@@ -279,24 +281,16 @@ class _ResultRows:
 
 
 def _put_head(
-    file: h5py.File,
-    where: str,
-    net: Net,
-    bodies: Mapping[str, BodyConstants],
-    provenance: Mapping[str, Any],
-    verdict: str,
-    complete: bool,
+    file: h5py.File, where: str, net: Net, bodies: Mapping[str, BodyConstants], run: RunRecord
 ) -> None:
     """Write all but the rows."""
     try:
-        story = json.dumps(provenance, sort_keys=True, allow_nan=False)
-    except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(f"{where}: provenance cannot be written as JSON: {error}") from error
+        record = run.to_json()
+    except ValueError as error:
+        raise InputError(f"{where}: the record cannot be written as JSON: {error}") from error
     put_text(file, "kind", FILE_KIND)
     file.attrs["format"] = FILE_FORMAT
-    file.attrs["complete"] = bool(complete)
-    put_text(file, "verdict", verdict)
-    put_text(file, "provenance", story)
+    put_text(file, "run", record)
     for name, values in _net_arrays(net, where).items():
         put(file, f"{NET_GROUP}/{name}", values, _NET[name].units, _NET[name].description)
     for name, body in bodies.items():
@@ -443,19 +437,17 @@ def open_unfinished(folder: str | Path) -> Result:
         import h5py
 
         with h5py.File(io.BytesIO(store.head), "r") as file:
-            net, bodies, provenance = _head(file, str(path))
+            net, bodies, run = _head(file, str(path))
     end = float(store.read("time", len(store) - 1, len(store))[0])
     verdict = f"unfinished: {len(store)} states until t = {end:.6g} s were stored"
-    return result_of_rows(store, net, bodies, False, verdict, provenance, str(path))
+    return result_of_rows(store, net, bodies, replace(run, verdict=verdict), str(path))
 
 
 def result_of_rows(
     source: RowSource,
     net: Net,
     bodies: Mapping[str, BodyConstants],
-    complete: bool,
-    verdict: str,
-    provenance: dict[str, Any],
+    run: RunRecord,
     where: str,
 ) -> Result:
     """Return the Result of the rows in `source`, each value checked when it is read.
@@ -485,14 +477,14 @@ def result_of_rows(
         values = _stored(source, column, where)
         found[column.path] = np.asarray(values) if at_once or column.path == "time" else values
     validate_times(found["time"], where)
+    series = {column: TermStates(column.units, found[column.path]) for column in of_terms}
     return Result(
         net=net,
         **{name: found[path] for name, path in PATHS.items() if path in found},
-        complete=complete,
-        verdict=verdict,
-        provenance=provenance,
+        run=run,
         bodies={name: _body(found, name, body) for name, body in bodies.items()},
-        states={c.path[len(STATES) :]: TermStates(c.units, found[c.path]) for c in of_terms},
+        states={c.path[len(STATES) :]: series[c] for c in of_terms if c.key is None},
+        contacts={c.key: series[c] for c in of_terms if c.key is not None},
     )
 
 
@@ -551,29 +543,30 @@ class _FileRows:
             return np.asarray(self._file[path][start:stop], dtype=np.float64)
 
 
-def _head(file: h5py.File, where: str) -> tuple[Net, dict[str, BodyConstants], dict[str, Any]]:
-    """Return the net, what does not change of the bodies, and the provenance."""
+def _head(file: h5py.File, where: str) -> tuple[Net, dict[str, BodyConstants], RunRecord]:
+    """Return the net, what does not change of the bodies, and the record of the run."""
     group = file[NET_GROUP]
     optional = ("strength", *_LAW, *(name for name in _NET if name.startswith("tether")))
     if lacks := [name for name in _NET if name not in group and name not in optional]:
         raise InputError(f"{where}: damaged or cut short (the net has no {lacks[0]})")
     net = _net_of({name: _native(group[name][()], _NET[name].dtype) for name in _NET if name in group}, where)
     bodies = {name: _constants(body) for name, body in file["bodies"].items()} if "bodies" in file else {}
-    return net, bodies, dict(json.loads(_text(file.attrs["provenance"])))
+    return net, bodies, RunRecord.from_json(_text(file.attrs["run"]))
 
 
 def _read(file: h5py.File, path: str | Path) -> Result:
-    net, bodies, provenance = _head(file, str(path))
+    net, bodies, run = _head(file, str(path))
     source = _FileRows(file, path, (*declare(net.n_nodes, net.n_elements, bodies), *_of_terms(file)))
-    complete, verdict = bool(file.attrs["complete"]), _text(file.attrs["verdict"])
-    return result_of_rows(source, net, bodies, complete, verdict, provenance, str(path))
+    return result_of_rows(source, net, bodies, run, str(path))
 
 
 def _of_terms(file: h5py.File) -> Iterator[Column]:
     """Yield the columns of the states of forces."""
     for term, group in sorted(file["states"].items() if "states" in file else ()):
         for quantity, dataset in sorted(group.items()):
-            yield state_column(f"{term}/{quantity}", dataset.shape[1], _text(dataset.attrs["units"]))
+            key = dataset.attrs.get("key")
+            name = f"{term}/{quantity}" if key is None else ContactKey(*json.loads(_text(key)))
+            yield state_column(name, dataset.shape[1], _text(dataset.attrs["units"]))
 
 
 def _constants(group: h5py.Group) -> BodyConstants:

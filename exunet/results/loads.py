@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,25 +19,9 @@ from exunet.base.arguments import ShortRepr, shown, takes
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
 from exunet.bodies.rotations import rotation_matrix
-from exunet.model.ejection import Ejection
 from exunet.net.arrays import TETHER, Net
-from exunet.results.provenance import Release, SceneProvenance, done
 from exunet.results.result import Result, blocks, over_blocks, row_ranges
-
-ALL_STEPS, STORED_TIMES = "all steps", "stored times"  # of which a largest tension is
-
-
-@dataclass(frozen=True)
-class Peak:
-    """The largest tension of a group [N], when [s], and in which element (-1: none was ever taut).
-
-    of : "all steps", or "stored times": a peak between two of these is not in it
-    """
-
-    tension: float
-    time: float
-    element: int
-    of: str = ALL_STEPS
+from exunet.results.run_record import ALL_STEPS, STORED_TIMES, Peak, Release, RunRecord
 
 
 @dataclass(frozen=True)
@@ -71,7 +55,7 @@ def margins(result: Result, among: NDArray[np.bool_] | None = None) -> dict[str,
     """
     if among is not None and np.shape(among) != (result.net.n_elements,):
         raise InputError(f"margins: among: needs {result.net.n_elements} True or False, got {shown(among)}")
-    peaks = peaks_of_all_steps(result)
+    peaks = result.run.largest_tensions
     found = {name: _least(result, own, peaks) for name, own in _groups(result.net, among).items()}
     return {name: margin for name, margin in found.items() if margin is not None}
 
@@ -122,17 +106,9 @@ def _least(result: Result, own: Ints, peaks: Mapping[str, Peak]) -> Margin | Non
     return Margin(1.0 / worst - 1.0, which, when, worst * bears, bears, of)
 
 
-def peaks_of_all_steps(result: Result) -> dict[str, Peak]:
-    """Return the largest tension of all steps of each of `Net.spans`, as far as the run records it."""
-    spans, every = result.net.spans, result.provenance.get("largest_tensions", {})
-    if not every and (whole := result.provenance.get("largest_tension")):
-        every = {name: whole for name, own in spans.items() if whole["element"] in own or len(spans) == 1}
-    return {name: Peak(one["tension_N"], one["time_s"], one["element"]) for name, one in every.items()}
-
-
 def peaks_of(result: Result) -> dict[str, Peak]:
     """Return the largest tension of each of `Net.spans`; of the stored times where the run has no other."""
-    known, spans = peaks_of_all_steps(result), result.net.spans
+    known, spans = result.run.largest_tensions, result.net.spans
     return {name: known.get(name) or _at_stored_times(result, own) for name, own in spans.items()}
 
 
@@ -214,7 +190,7 @@ def loads(result: Result, body: str) -> Loads:
 
 def _at_nodes(result: Result, body: str) -> tuple[Ints, Floats, Floats]:
     """Nodes (m,), forces and torques (n_times, m, 3) of `loads`."""
-    states, until = result.bodies[body], held_until(result.provenance, body)
+    states, until = result.bodies[body], held_until(result.run, body)
     fixed = [] if states.nodes is None else states.nodes.tolist()
     nodes = np.array([*fixed, *until], dtype=np.int64)
     if not len(nodes):
@@ -235,48 +211,45 @@ def _at_nodes(result: Result, body: str) -> tuple[Ints, Floats, Floats]:
 def attached_nodes(result: Result, body: str) -> Ints:
     """Return the nodes (m,) that are or were fixed to a body: contact never acts on what ends there."""
     fixed = result.bodies[body].nodes
-    released = [item.node for item in _releases(result.provenance, body)]
+    released = [item.node for item in _releases(result.run, body)]
     return np.array([*([] if fixed is None else fixed.tolist()), *released], dtype=np.int64)
 
 
-def held_until(provenance: Mapping[str, Any], body: str) -> dict[int, float]:
+def held_until(run: RunRecord, body: str) -> dict[int, float]:
     """Return until when [s] nodes were fixed to a body that a script releases; infinite: to the end."""
-    return {item.node: released_at(provenance, item.tie) for item in _releases(provenance, body) if item.tied}
+    return {item.node: released_at(run, item.tie) for item in _releases(run, body) if item.tied}
 
 
 def broken_at(result: Result) -> dict[int, float]:
     """Return when each element broke or was cut [s]; the first stored time if before the run."""
-    provenance = result.provenance
-    before = SceneProvenance.of(provenance).restart
+    before = result.run.restart
     found = dict.fromkeys(() if before is None else before.broken, float(result.time[0]))
-    cut = (event for event in done(provenance) if event.get("element") is not None)
-    for event in (*(provenance.get("broken") or ()), *cut):
-        found.setdefault(int(event["element"]), float(event["time_s"]))
+    cuts = [(event.element, event.time_s) for event in result.run.done if event.element is not None]
+    for element, time in (*((event.element, event.time_s) for event in result.run.breaks), *cuts):
+        found.setdefault(element, time)
     return {element: found[element] for element in sorted(found) if element < result.net.n_elements}
 
 
-def released_at(provenance: Mapping[str, Any], tie: str) -> float:
+def released_at(run: RunRecord, tie: str) -> float:
     """Return when a script released a tie [s]; infinite if it did not."""
-    return next((float(event["time_s"]) for event in done(provenance) if event.get("tie") == tie), math.inf)
+    return next((event.time_s for event in run.done if event.tie == tie), math.inf)
 
 
-def _releases(provenance: Mapping[str, Any], body: str) -> list[Release]:
-    return [item for item in SceneProvenance.of(provenance).releases if item.body == body]
+def _releases(run: RunRecord, body: str) -> list[Release]:
+    return [item for item in run.releases if item.body == body]
 
 
-def carried_until(provenance: Mapping[str, Any]) -> float:
+def carried_until(run: RunRecord) -> float:
     """Return when the packed net is released [s]; infinite if it never is."""
-    carried = SceneProvenance.of(provenance).carried
-    until = math.inf if carried is None else carried.until_s
-    if until is None:
-        until = next((event["time_s"] for event in provenance.get(Ejection.heading, [])), math.inf)
-    return float(until)
+    if run.carried is not None and run.carried.until_s is not None:
+        return run.carried.until_s
+    times = (event.time_s for event in run.ejections)
+    return math.inf if run.carried is None else next(times, math.inf)
 
 
 def _carried(result: Result, body: str) -> CarriedLoads | None:
     """Compute the pull of the elements that have one end in the packed net; None of a body without it."""
-    provenance, states, net = result.provenance, result.bodies[body], result.net
-    carried = SceneProvenance.of(provenance).carried
+    carried, states, net = result.run.carried, result.bodies[body], result.net
     if carried is None or carried.body != body or states.attitude is None:
         return None
     turn = rotation_matrix(np.asarray(states.attitude[:]))
@@ -288,7 +261,7 @@ def _carried(result: Result, body: str) -> CarriedLoads | None:
     inner = np.where(within[ends[:, 0]], *ends.T)
     outer = ends.sum(axis=1) - inner
     force, torque = np.zeros((2, len(result.time), 3))
-    until = carried_until(provenance)
+    until = carried_until(result.run)
     for first, last in row_ranges(int(np.searchsorted(result.time, until)), _ROWS):
         position = result.position[first:last]
         pull = _along(position[:, outer] - position[:, inner], result.tension[first:last][:, elements])

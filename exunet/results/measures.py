@@ -13,19 +13,20 @@ from numpy.typing import NDArray
 
 from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
+from exunet.base.run_events import NetEjected
 from exunet.bodies.kinematics import GIVEN, first_given
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.effects import EFFECTS
 from exunet.forces.from_outside import OUTSIDE, effects_of
-from exunet.methods.method import METHODS, Kind, Method
-from exunet.model.ejection import Ejection
+from exunet.methods.method import METHODS, Kind
 from exunet.net.areas import achievable_area as achievable_area
 from exunet.net.areas import mesh_area as mesh_area
 from exunet.net.areas import mouth_area as mouth_area
 from exunet.net.arrays import Net
 from exunet.net.closing import NAME as CLOSING
 from exunet.results.result import BodyStates, Result, blocks, over_blocks
+from exunet.results.run_record import RunRecord
 
 _ROUND_OFF = 1e-9  # of a quantity: far above round-off, far below what anyone can measure
 NEARLY_OPEN = 0.8  # part of the achievable area above which a net counts as deployed, paper sec. 4
@@ -139,23 +140,15 @@ def stays_the_same(values: Floats) -> bool:
 def peak_tensions(result: Result) -> Floats:
     """Largest tension of each element: (n_elements,) [N].
 
-    Of all steps of a run; of a result without them (see `has_peaks_of_all_steps`) of the stored
-    times, between which a snap may be higher.
+    Of all steps of a run; of a result without them (`RunRecord.peak_tensions_N`) of the stored times,
+    between which a snap may be higher.
     """
-    if has_peaks_of_all_steps(result):
-        return np.array(result.provenance[_PEAKS])
+    if result.run.peak_tensions_N is not None:
+        return np.array(result.run.peak_tensions_N)
     peaks = np.zeros(result.net.n_elements)
     for block in blocks(result.tension):
         np.maximum(peaks, block.max(axis=0), out=peaks)
     return peaks
-
-
-_PEAKS = "peak_tensions_N"
-
-
-def has_peaks_of_all_steps(result: Result) -> bool:
-    """True of runs that have come to an end."""
-    return _PEAKS in result.provenance
 
 
 @takes(result=Result)
@@ -238,22 +231,22 @@ def works_put_in(result: Result) -> dict[str, Floats]:
     for name, words in sources.items():
         if (work := result.states.get(f"{name}/work")) is not None:
             found[words] = np.asarray(work.values[:], dtype=float)[:, 0]
-    if result.provenance.get(Ejection.heading):
-        found["ejection"] = ejected(result.time, result.provenance)
+    if result.run.ejections:
+        found["ejection"] = ejected(result.time, result.run)
     return found
 
 
-def ejected(time: Floats, story: Mapping[str, Any]) -> Floats:
-    """(t,) work [J] of the ejection of the net until these times; story : with the events of a run."""
+def ejected(time: Floats, run: RunRecord) -> Floats:
+    """(t,) work [J] of the ejection of the net until these times."""
     work = np.zeros(len(time))
-    for item in story.get(Ejection.heading, []):
-        work[time >= item["time_s"]] -= item["energy_lost_J"]
+    for event in run.ejections:
+        work[time >= event.time_s] -= event.energy_lost_J or 0.0
     return work
 
 
-def work_of_ejection(story: Mapping[str, Any]) -> float | None:
+def work_of_ejection(run: RunRecord) -> float | None:
     """All of it [J]; None of a run that has none, or had none so far."""
-    return float(ejected(np.array([np.inf]), story)[0]) if story.get(Ejection.heading) else None
+    return float(ejected(np.array([np.inf]), run)[0]) if run.ejections else None
 
 
 class MomentumBook(NamedTuple):
@@ -277,11 +270,11 @@ def all_have_lines(result: Result) -> bool:
 
     So it is in scenes with rigid bodies, by methods that have first-order states.
     """
-    named = str(result.provenance.get("method"))
-    if named not in METHODS or METHODS[Method(named)].kind == Kind.IMPLICIT:
+    plan = result.run.plan
+    if plan is None or METHODS[plan.method].kind == Kind.IMPLICIT:
         return False
     lines = effects_of(result.states)
-    effects = result.provenance.get("effects", [])
+    effects = result.run.effects
     within = all(effect in lines or (effect in EFFECTS and EFFECTS[effect].INTERNAL) for effect in effects)
     return within and any(body.inertia is not None for body in result.bodies.values())
 
@@ -353,8 +346,8 @@ def energy_scale(result: Result) -> float:
     initial K + U plus the largest change of V (V itself depends on the choice of the origin) and the largest
     work -W that forces have put in.
     """
-    if "energy_scale_J" in result.provenance:
-        return float(result.provenance["energy_scale_J"])
+    if result.run.energy_scale_J is not None:
+        return result.run.energy_scale_J
     change = float(np.max(np.abs(result.potential - result.potential[0])))
     put_in = float(np.max(-result.dissipated, initial=0.0))
     return float(result.kinetic[0] + result.elastic[0]) + change + put_in
@@ -416,23 +409,22 @@ def momenta(result: Result) -> dict[str, Part]:
         work = [] if f"{term}/work" in result.states else [np.zeros((len(result.time), 1))]
         values[IMPULSE_OF + name] = np.concatenate([*parts, *work], axis=1)
     starts = {name: part[0].copy() for name, part in values.items()}
-    for event in result.provenance.get(Ejection.heading, []):
-        if event["time_s"] == 0.0:
+    for event in result.run.ejections:
+        if event.time_s == 0.0:
             _before_ejection(starts, event)
     return {name: Part(part, starts[name]) for name, part in values.items()}
 
 
-def _before_ejection(starts: dict[str, Floats], event: Mapping[str, object]) -> None:
+def _before_ejection(starts: dict[str, Floats], event: NetEjected) -> None:
     """Set the momenta and energies of the start to those before an ejection at time 0."""
-    named = ("net_momentum_gained_kg_m_s", "net_angular_momentum_gained_kg_m2_s")
-    momentum = np.concatenate([np.array(event[name], dtype=float) for name in named])
-    kinetic, body = float(event["net_kinetic_energy_gained_J"]), str(event["body"])  # type: ignore[arg-type]
+    momentum = np.array([*event.net_momentum_gained_kg_m_s, *event.net_angular_momentum_gained_kg_m2_s])
+    kinetic = event.net_kinetic_energy_gained_J
     starts[NET] = starts[NET] - np.append(momentum, kinetic)
-    if body in starts:
-        lost = float(event["energy_lost_J"])  # type: ignore[arg-type]
-        starts[body] = starts[body] + np.append(momentum, lost + kinetic)
+    if event.body in starts:
+        lost = event.energy_lost_J or 0.0
+        starts[event.body] = starts[event.body] + np.append(momentum, lost + kinetic)
     else:
-        starts[IMPULSE_OF + body] = np.zeros(7)
+        starts[IMPULSE_OF + event.body] = np.zeros(7)
 
 
 def _of_points(mass: Floats, position: Floats, velocity: Floats) -> Floats:

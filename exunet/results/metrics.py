@@ -16,13 +16,13 @@ import numpy as np
 from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
 from exunet.bodies.rotations import product, rotation_vector
-from exunet.forces.contact.status import OF_BODY
+from exunet.forces.contact.status import ContactKey
 from exunet.forces.effects import EFFECTS
 from exunet.forces.from_outside import OUTSIDE
 from exunet.net.arrays import NET, TETHER
 from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
-from exunet.results.loads import ALL_STEPS, PACKED, Attachment, Peak
+from exunet.results.loads import PACKED, Attachment
 from exunet.results.measures import (
     IMPULSE_OF,
     NEARLY_OPEN,
@@ -31,10 +31,10 @@ from exunet.results.measures import (
     work_of_ejection,
 )
 from exunet.results.measures import NET as NET_PART
-from exunet.results.observables import CONTACT, DISSIPATED, LINE, SELF, Observables, earliest, touching_pairs
+from exunet.results.observables import DISSIPATED, LINE, SELF, Observables, earliest, touching_pairs
 from exunet.results.outcome import Outcome, outcome
-from exunet.results.provenance import SceneProvenance, done
 from exunet.results.result import Result
+from exunet.results.run_record import ALL_STEPS, Peak
 
 STEADY = 0.01  # part of the largest area: a mouth that changes by less does not open
 COUNT = 1.0 - 1e-9  # resolution of whole numbers: printed as such, of which any two differ
@@ -203,7 +203,7 @@ def bullet_speed(run: Observables) -> Iterator[Metric]:
 
 def dissipated_energy(run: Observables) -> Iterator[Metric]:
     """Energy dissipated by the end."""
-    effects = run.result.provenance.get("effects", [])
+    effects = run.result.run.effects
     less = " and ".join(kind.PUTS_IN for name, kind in EFFECTS.items() if name in effects and kind.PUTS_IN)
     remark = f"less what {less} put in" if less else ""
     yield Metric("dissipated_energy", "energy dissipated", "J", float(run.dissipated[-1]), remark=remark)
@@ -211,9 +211,9 @@ def dissipated_energy(run: Observables) -> Iterator[Metric]:
 
 def margins(run: Observables) -> Iterator[Metric]:
     """Least margin of the threads, the strings and each tether."""
+    tethers = {TETHER + name: f"tether_{name}_margin" for name in run.result.net.tether_elements}
     for group, margin in run.margins.items():
-        tether = group.startswith(TETHER)
-        name = f"tether_{group.removeprefix(TETHER)}_margin" if tether else f"margin_of_{group}"
+        name = tethers.get(group, f"margin_of_{group}")
         of = "" if margin.of == ALL_STEPS else ", at stored times, between which it may be less"
         yield Metric(
             name, f"margin of {group}", "", margin.margin, margin.time, f"element {margin.element}",
@@ -269,21 +269,20 @@ def corner_units(run: Observables) -> Iterator[Metric]:
 
 def breaks(run: Observables) -> Iterator[Metric]:
     """Number of elements that broke, and when the first did."""
-    broken = run.result.provenance.get("broken")
-    if broken is None:
+    broken = run.result.run.breaks
+    if not run.result.run.can_break:
         return
     yield Metric("elements_broken", "elements that broke", "", float(len(broken)), resolution=COUNT)
     if broken:
-        first = min(float(item["time_s"]) for item in broken)
+        first = min(event.time_s for event in broken)
         yield Metric("first_break", "first break of an element", "s", first, instant=STEP)
 
 
 def script_entries(run: Observables) -> Iterator[Metric]:
     """Of each entry of the script whose time the case does not give: first activation, and their number."""
-    events = done(run.result.provenance)
-    entries = SceneProvenance.of(run.result.provenance).script_entries
-    for entry in (item.entry for item in entries if item.awaited):
-        times = [event["time_s"] for event in events if event["entry"] == entry]
+    events = run.result.run.done
+    for entry in (item.entry for item in run.result.run.script_entries if item.awaited):
+        times = [event.time_s for event in events if event.entry == entry]
         if times:
             yield Metric(f"script_{entry}_first", f"script: first {entry}", "s", times[0], instant=STEP)
         number, words = float(len(times)), f"script: times of {entry}"
@@ -409,9 +408,9 @@ def _of_pair(run: Observables, pair: Pair, quantity: str) -> list[Floats]:
     """(t,) of each way of two bodies, as far as it is stored; empty where they never touched."""
     series = []
     for presses, touched in (pair, pair[::-1]):
-        begin = f"{CONTACT}{touched}/{OF_BODY}{presses}_"
-        if f"{begin}first" in run.result.states and run.state(f"{begin}first").max() >= 0.0:
-            series.append(run.state(begin + quantity)[:, 0])
+        first = ContactKey(touched, presses, "first", of_bodies=True)
+        if first in run.result.contacts and run.contact(first).max() >= 0.0:
+            series.append(run.contact(replace(first, quantity=quantity)))
     return series
 
 
@@ -543,19 +542,19 @@ def balances(run: Observables) -> Iterator[Metric]:
 
 def launch_speeds(run: Observables) -> Iterator[Metric]:
     """Speeds that a body's launch gives, before and after its recoil."""
-    events = run.result.provenance.get("ejection") or []
-    for event in events[:1]:
-        names = {"added": "launch speed before recoil", "relative": "launch speed after recoil"}
-        for name, words in names.items():
-            value, remark = event[f"launch_speed_{name}_m_s"], f"relative to {event['body']}"
-            yield Metric(f"launch_speed_{name}", words, "m/s", value, remark=remark)
+    for event in run.result.run.ejections[:1]:
+        for name, words, value in (
+            ("added", "launch speed before recoil", event.launch_speed_added_m_s),
+            ("relative", "launch speed after recoil", event.launch_speed_relative_m_s),
+        ):
+            yield Metric(f"launch_speed_{name}", words, "m/s", value, remark=f"relative to {event.body}")
 
 
 def _energies(run: Observables) -> tuple[float, float | None, float | None]:
     """Changes of elastic and potential energy, and the work of an ejection [J]; None: the scene has none."""
     elastic, potential = run.result.elastic, run.result.potential
     changed = float(potential[-1] - potential[0]) if np.any(potential) else None
-    return float(elastic[-1] - elastic[0]), changed, work_of_ejection(run.result.provenance)
+    return float(elastic[-1] - elastic[0]), changed, work_of_ejection(run.result.run)
 
 
 def _gained(run: Observables, key: str, part: str, name: str) -> Iterator[Metric]:

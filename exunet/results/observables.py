@@ -12,12 +12,12 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.forces.contact.self_contact import NAME as SELF_CONTACT
-from exunet.forces.contact.status import OF_BODY
+from exunet.forces.contact.status import TOUCHING, ContactKey
 from exunet.forces.corner_units import SPENT, WORK
 from exunet.forces.from_outside import effects_of
 from exunet.net.areas import achievable_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
-from exunet.results.capture import Measures, capture_of, centres_of, rule_of
+from exunet.results.capture import Measures, capture_of, centres_of
 from exunet.results.clearance import (
     MOST_PAIRS,
     Nearest,
@@ -28,7 +28,7 @@ from exunet.results.clearance import (
     pairs_of,
     shapes_of,
 )
-from exunet.results.loads import PACKED, Attachment, Margin, Peak, attachment_loads, margins, peaks_of
+from exunet.results.loads import PACKED, Attachment, Margin, attachment_loads, margins, peaks_of
 from exunet.results.measures import (
     Part,
     bullet_speeds,
@@ -40,14 +40,13 @@ from exunet.results.measures import (
     prescribed,
 )
 from exunet.results.result import Result, over_blocks
+from exunet.results.run_record import Peak, largest_of
 from exunet.scene.capture import Capture
 
-THREADS, NODES, BULLETS = TOUCHING = ("threads", "nodes", "bullets")  # what may touch a body
-CONTACT = "contact_"  # before the name of the body, in the names of what is stored of contacts
 SELF = f"{SELF_CONTACT}/"  # before the names of what is stored of threads that touch each other
 LINE = f"{CLOSING}/"  # before the names of what is stored of a closing line
 EDGE = f"{LINE}part"  # what is stored of an edge that becomes shorter: the part of its length that is left
-_WOUND_UP = "/wound_up"  # of a reel, after the name of its tether, and of a closing line's winch
+_SELF_STORED = f"{SELF}stored"
 # First-order states [J] that count what contacts and a closing line dissipate, in words.
 DISSIPATED = {
     "contact/damping": "damping of contact",
@@ -126,7 +125,7 @@ class Observables:
             for name, peak in self.peaks.items()
             if not group or name == group or name.startswith(f"{group} from ")
         )
-        return max(own, key=lambda peak: (peak.tension, -peak.time), default=None)
+        return largest_of(own)
 
     @cached_property
     def margins(self) -> dict[str, Margin]:
@@ -162,7 +161,7 @@ class Observables:
     @cached_property
     def criterion(self) -> Capture | None:
         """Criterion of a capture; None: the case has none."""
-        return rule_of(self.result)
+        return self.result.run.capture
 
     @cached_property
     def capture(self) -> Measures | None:
@@ -179,10 +178,14 @@ class Observables:
         """Bodies whose contacts with the net are stored."""
         return touched_bodies(self.result)
 
+    def contact(self, key: ContactKey) -> Floats:
+        """(t,) of a series of a contact."""
+        return np.asarray(self.result.contacts[key].values[:])[:, 0]
+
     def contacts(self, body: str, quantity: str) -> list[Floats]:
         """(t,) of a quantity of threads, of nodes and of bullets, as far as these touch the body."""
-        names = (f"{CONTACT}{body}/{what}_{quantity}" for what in TOUCHING)
-        return [self.state(name)[:, 0] for name in names if name in self.result.states]
+        keys = (ContactKey(body, what, quantity) for what in TOUCHING)
+        return [self.contact(key) for key in keys if key in self.result.contacts]
 
     def first_contact(self, body: str) -> float | None:
         """Return when the net first touched a body [s]; None: it did not."""
@@ -191,7 +194,8 @@ class Observables:
     @cached_property
     def reels(self) -> tuple[str, ...]:
         """Tethers with reels, and a closing line with a winch."""
-        return tuple(name.removesuffix(_WOUND_UP) for name in self.result.states if name.endswith(_WOUND_UP))
+        names = sorted((*self.result.net.tether_elements, CLOSING))
+        return tuple(name for name in names if f"{name}/wound_up" in self.result.states)
 
     @cached_property
     def spent(self) -> Floats | None:
@@ -206,15 +210,15 @@ class Observables:
     @cached_property
     def mouth(self) -> Floats | None:
         """(t,) diameter of the mouth [m], where something closes it or a capture is judged; else None."""
-        if rule_of(self.result) is None and not any(name.startswith(LINE) for name in self.result.states):
+        if self.criterion is None and not any(name.startswith(LINE) for name in self.result.states):
             return None
         return over_blocks(partial(mouth_diameter, self.result.net), self.result.position)
 
     @cached_property
     def stored_in_contact(self) -> Floats | None:
         """(t,) energy that all contacts store [J]; None: there is no contact."""
-        series = self.states(CONTACT) | self.states(SELF)
-        stored = [values for name, values in series.items() if name.endswith("stored")]
+        stored = [self.contact(key) for key in self.result.contacts if key.quantity == "stored"]
+        stored += [self.state(_SELF_STORED)[:, 0]] if _SELF_STORED in self.result.states else []
         return np.sum(stored, axis=0) if stored else None
 
     @cached_property
@@ -225,21 +229,18 @@ class Observables:
 
 def touched_bodies(result: Result, kinds: tuple[str, ...] = TOUCHING) -> tuple[str, ...]:
     """Return the bodies whose contacts with threads, nodes or bullets of the net are stored."""
-    parts = (name.removeprefix(CONTACT).rpartition("/") for name in result.states if name.startswith(CONTACT))
-    return tuple(dict.fromkeys(body for body, _, series in parts if series.startswith(kinds)))
+    keys = (key for key in result.contacts if key.other in kinds and not key.of_bodies)
+    return tuple(dict.fromkeys(key.body for key in keys))
 
 
 def touching_pairs(result: Result) -> tuple[Pair, ...]:
     """Return the pairs of bodies whose contact with each other is stored; both ways are stored apart."""
-    found = set()
-    for name in result.states:
-        body, _, series = name.removeprefix(CONTACT).rpartition("/")
-        if name.startswith(CONTACT) and series.startswith(OF_BODY) and series.endswith("_deepest"):
-            found.add(frozenset((series.removeprefix(OF_BODY).removesuffix("_deepest"), body)))
+    found = {frozenset((key.other, key.body)) for key in result.contacts if key.of_bodies}
     bodies = sorted({name for pair in found for name in pair})
     return tuple(pair for pair in pairs_of(bodies) if frozenset(pair) in found)
 
 
+_CONTACT = {"touching": ("number in contact", ""), "force": ("force across the surface", "N")}  # words, unit
 PULLS = {"force": ("force", "N"), "torque": ("torque about the centre of mass", "N m")}  # words, unit
 
 
@@ -251,6 +252,7 @@ class TimeSeries(NamedTuple):
     unit    : "N", "m2", ...; "": none
     values  : (t,) in SI units
     general : it is one of every scene, which the figure of bands shows
+    contact : key of a series of a contact
     """
 
     name: str
@@ -258,6 +260,7 @@ class TimeSeries(NamedTuple):
     unit: str
     values: Floats
     general: bool = False
+    contact: ContactKey | None = None
 
 
 def thrust_name(unit: int) -> str:
@@ -287,13 +290,11 @@ def time_series(run: Observables, *, capture: bool = True) -> Iterator[TimeSerie
     """
     yield from _general(run, capture=capture)
     yield from _closing(run)
-    for name, values in run.states(CONTACT).items():
-        body, _, series = name.removeprefix(CONTACT).rpartition("/")
-        what, _, quantity = series.removeprefix(OF_BODY).rpartition("_")
-        if quantity == "touching":
-            yield TimeSeries(name, f"number in contact, {what} on {body}", "", values)
-        elif quantity == "force":
-            yield TimeSeries(name, f"force across the surface, {what} on {body}", "N", values)
+    for key in run.result.contacts:
+        if key.quantity in _CONTACT:
+            quantity, symbol = _CONTACT[key.quantity]
+            words = f"{quantity}, {key.other} on {key.body}"
+            yield TimeSeries(str(key), words, symbol, run.contact(key), contact=key)
     for unit in range(0 if run.spent is None else run.spent.shape[1]):
         words = f"mean thrust of corner unit {unit} since the instant before"
         yield TimeSeries(thrust_name(unit), words, "N", _mean_thrust(run, unit))
@@ -368,10 +369,9 @@ def further_series(run: Observables) -> Iterator[TimeSeries]:
     potential = np.asarray(result.potential[:])
     if np.ptp(potential):
         yield TimeSeries("potential", "potential energy", "J", potential)
-    for name in result.states:
-        if name.endswith("/wound_up") and not name.startswith(LINE):
-            words = f"length of {name.removesuffix('/wound_up')} wound up"
-            yield TimeSeries(name, words, "m", run.state(name)[:, 0])
+    for name in (name for name in run.reels if name != CLOSING):
+        values = run.state(f"{name}/wound_up")[:, 0]
+        yield TimeSeries(f"{name}/wound_up", f"length of {name} wound up", "m", values)
     pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
     for (one, other), gaps in zip(pairs, gaps_of(result, pairs).T, strict=True):
         yield TimeSeries(f"distance {one} {other}", f"distance of {one} and {other}", "m", gaps)

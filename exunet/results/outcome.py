@@ -13,12 +13,12 @@ import numpy as np
 
 from exunet.base.arrays import Bools, Floats
 from exunet.bodies.distance import reach_of, times_round
+from exunet.forces.contact.status import NODES, THREADS
 from exunet.net.areas import mouth_diameter
 from exunet.results.capture import Measures, pieces_at
 from exunet.results.clearance import shapes_of
-from exunet.results.observables import EDGE, LINE, NODES, THREADS, Observables, touched_bodies
+from exunet.results.observables import EDGE, LINE, Observables, touched_bodies
 from exunet.results.penetration import Touch, net_contact, threads_inside
-from exunet.results.provenance import SceneProvenance, done
 from exunet.scene.capture import CONDITIONS, Capture
 
 AT_LEAST = {"enclosed", "touching"}  # the others are at most their bound
@@ -441,7 +441,7 @@ class _Flight:
 
     def walled(self) -> Reason | None:
         """Another body that the net touched before it lost most of its speed."""
-        run, carried = self.run, SceneProvenance.of(self.run.result.provenance).carried
+        run, carried = self.run, self.run.result.run.carried
         for name in run.touched_bodies:
             if name == self.target or (carried is not None and name == carried.body):
                 continue
@@ -487,15 +487,14 @@ class _Flight:
 
     def broken(self, until: float) -> Reason | None:
         """Threads that broke before a target was lost."""
-        times = [item["time_s"] for item in self.run.result.provenance.get("broken") or ()]
-        times = [float(time) for time in times if time <= until]
+        times = [event.time_s for event in self.run.result.run.breaks if event.time_s <= until]
         numbers = {"broken": float(len(times))}
         return Reason(Cause.THREAD_BROKE, min(times), max(times), numbers=numbers) if times else None
 
     def broken_words(self, until: float) -> str:
         """Name the threads that broke, and the piece that is judged; "" if none broke."""
-        net, events = self.run.result.net, self.run.result.provenance.get("broken") or ()
-        broken = [int(item["element"]) for item in events if item["time_s"] <= until]
+        net, events = self.run.result.net, self.run.result.run.breaks
+        broken = [event.element for event in events if event.time_s <= until]
         ends = (map(net.node_words, net.element_nodes[element].tolist()) for element in broken)
         names = [f"{element} ({' to '.join(pair)})" for element, pair in zip(broken, ends, strict=True)]
         more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
@@ -514,12 +513,10 @@ class _Flight:
 
     def commands(self, until: float) -> list[tuple[float, str, str]]:
         """Return the commands of the winch until a time: when [s], what it does, and the script's entry."""
-        known = self.run.result.provenance
-        winch = SceneProvenance.of(known).winch
-        found = []
-        for does, at in () if winch is None else winch.commands:
+        run, found = self.run.result.run, list[tuple[float, str, str]]()
+        for does, at in () if run.winch is None else run.winch.commands:
             if isinstance(at, str):
-                found += [(event["time_s"], does, at) for event in done(known) if event["entry"] == at]
+                found += [(event.time_s, does, at) for event in run.done if event.entry == at]
             else:
                 found.append((at, does, ""))
         return sorted(item for item in found if item[0] <= until)
@@ -536,7 +533,7 @@ class _Flight:
         width = {"mouth_m": float(self.measures.mouth[-1])}
         if found.outcome is Outcome.CLOSING:
             return Reason(Cause.STILL_CLOSING, end, end, numbers=width)
-        winch = SceneProvenance.of(run.result.provenance).winch
+        winch = run.result.run.winch
         if winch is None or f"{LINE}wound_up" not in run.result.states:
             words = "" if EDGE in run.result.states else "nothing closes it"
             return Reason(Cause.MOUTH_OPEN, end, end, numbers=width, remark=words)

@@ -34,10 +34,10 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import SampledCore, core_as_solid
 from exunet.forces.contact.signed_distance import sampled_distance
-from exunet.forces.contact.status import OF_BODY
+from exunet.forces.contact.status import THREADS, ContactKey
 from exunet.results.clearance import Pair, movers_of, pairs_of, rounded_shapes
 from exunet.results.loads import attached_nodes
-from exunet.results.observables import CONTACT, THREADS, Observables, touching_pairs
+from exunet.results.observables import Observables, touching_pairs
 from exunet.results.result import Result, row_ranges
 
 _MOST = 40  # halvings of a step
@@ -236,20 +236,18 @@ class _Stretch:
 
 
 _ROWS = 64  # states of one block
-_RESULTANT = "_resultant"  # at the end of the names of what is stored of contacts
 _PLACES = np.linspace(0.0, 1.0, 33)  # along a thread, of which the nearest to the body is chosen
 
 
 def contacts_at(result: Result, k: int) -> dict[str, dict[str, int]]:
     """How many threads, nodes, bullets touch each body at stored time k, by body, as far as it is stored.
 
-    And of each other body, under its name after `OF_BODY`, how many corners, balls and edges do.
+    And of each other body, under its name, how many corners, balls and edges do.
     """
     found: dict[str, dict[str, int]] = {}
-    for name, one in result.states.items():
-        if name.startswith(CONTACT) and name.endswith("_touching"):
-            body, _, series = name.removeprefix(CONTACT).rpartition("/")
-            found.setdefault(body, {})[series.removesuffix("_touching")] = int(one.values[k][0])
+    for key, series in result.contacts.items():
+        if key.quantity == "touching":
+            found.setdefault(key.body, {})[key.other] = int(series.values[k][0])
     return found
 
 
@@ -275,7 +273,7 @@ def net_contact(run: Observables, body: str) -> Touch:
     counts = run.contacts(body, "touching") or [np.zeros(len(run.time))]
     firsts = [float(values[-1]) for values in run.contacts(body, "first")]
     rows = np.flatnonzero(counts[0]).tolist()
-    if f"{CONTACT}{body}/{THREADS}_touching" in run.result.states and run.result.net.tethers and rows:
+    if ContactKey(body, THREADS, "touching") in run.result.contacts and run.result.net.tethers and rows:
         places = contact_places(run.result, rows, body)[:, : run.result.net.n_net_elements]
         counts[0] = np.zeros(len(run.time))
         counts[0][rows] = np.count_nonzero(~np.isnan(places), axis=1)
@@ -298,7 +296,7 @@ def contact_places(result: Result, rows: Sequence[int], body_of: str | None = No
     net, chosen = result.net, np.asarray(rows, dtype=np.int64)
     found = np.full((len(chosen), net.n_elements), np.nan)
     for name, shape in rounded_shapes(result).items():
-        series = result.states.get(f"{CONTACT}{name}/{THREADS}_touching")
+        series = result.contacts.get(ContactKey(name, THREADS, "touching"))
         if series is None or body_of not in (None, name):
             continue
         counted = np.flatnonzero(np.asarray(series.values[chosen])[:, 0] > 0)
@@ -337,19 +335,17 @@ def contact_forces(result: Result, rows: Sequence[int]) -> dict[str, tuple[Float
     """
     chosen = np.asarray(rows, dtype=np.int64)
     loads: dict[str, Floats] = {}  # force and torque about the scene's origin (k, 6)
-    for name, series in result.states.items():
-        if not (name.startswith(CONTACT) and name.endswith(_RESULTANT)):
-            continue
-        body, _, other = name.removeprefix(CONTACT).removesuffix(_RESULTANT).rpartition("/")
-        force, states = np.asarray(series.values[chosen]), result.bodies[body]
+    for key in (key for key in result.contacts if key.quantity == "resultant"):
+        body, states = key.body, result.bodies[key.body]
         assert states.attitude is not None
-        own = np.asarray(result.states[name.removesuffix(_RESULTANT) + "_torque"].values[chosen])
+        keys = key, replace(key, quantity="torque")
+        force, own = (np.asarray(result.contacts[of].values[chosen]) for of in keys)
         torque = np.einsum("kij,kj->ki", rotation_matrix(np.asarray(states.attitude[chosen])), own)
         torque += np.cross(np.asarray(states.position[chosen]), force)
         load = np.concatenate([force, torque], axis=1)
         loads[body] = loads.get(body, 0.0) + load
-        if other.startswith(OF_BODY):
-            loads[other.removeprefix(OF_BODY)] = loads.get(other.removeprefix(OF_BODY), 0.0) - load
+        if key.of_bodies:
+            loads[key.other] = loads.get(key.other, 0.0) - load
     found = {}
     for body, load in loads.items():
         force, centre = load[:, :3], np.asarray(result.bodies[body].position[chosen])

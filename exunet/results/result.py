@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -17,8 +17,10 @@ from exunet.base.arguments import ShortRepr
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, MissingExtra
 from exunet.bodies.shapes import WIDTH, unpacked
+from exunet.forces.contact.status import ContactKey
 from exunet.net.areas import mouth_area
 from exunet.net.arrays import Net
+from exunet.results.run_record import Recorded, RunRecord
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -32,12 +34,14 @@ class Column:
     row         : shape of its values for one state, such as (n_nodes, 3); () for a single number
     units       : of its values, "1" if they have none
     description : in a few words
+    key         : of a series of a contact
     """
 
     path: str
     row: tuple[int, ...]
     units: str
     description: str
+    key: ContactKey | None = None
 
     @property
     def row_bytes(self) -> int:
@@ -187,25 +191,22 @@ KEPT = {  # by their quantities
     "load": "largest tension so far over the strength",
 }
 _OF_CONTACT = {
-    "touching": "how many {}s touch the body",
-    "force": "sum of the forces between {}s and the body, across its surface",
-    "resultant": "resultant of the forces of {}s on the body, in the scene's axes",
-    "torque": "torque of the forces of {}s about the body's centre of mass, in its axes",
-    "stored": "energy stored between {}s and the body",
-    "first": "when a {} first touched the body; -1 until then",
-    "deepest": "largest depth of a {} in the body so far, surface in surface",
-}
-KEPT |= {
-    f"{what}s_{name}": words.format(what)
-    for what in ("thread", "node", "bullet")
-    for name, words in _OF_CONTACT.items()
+    "touching": "number of contacts of {} with the body",
+    "force": "sum of the forces between {} and the body, across its surface",
+    "resultant": "resultant of the forces of {} on the body, in the scene's axes",
+    "torque": "torque of the forces of {} about the body's centre of mass, in its axes",
+    "stored": "energy stored between {} and the body",
+    "first": "time of the first contact of {} with the body; -1 until then",
+    "deepest": "largest penetration of {} in the body so far, surface in surface",
 }
 
 
-def state_column(name: str, size: int, units: str) -> Column:
-    """The column of first-order states of a term; name: "term/quantity"."""
-    words = KEPT.get(name.rpartition("/")[2], "first-order states of a force")
-    return Column(STATES + name, (size,), units, words)
+def state_column(key: Hashable, size: int, units: str) -> Column:
+    """Return the column of a series of a contact, or of states of a term by "term/quantity"."""
+    path = f"{STATES}{key}"
+    if isinstance(key, ContactKey):
+        return Column(path, (size,), units, _OF_CONTACT[key.quantity].format(key.other), key)
+    return Column(path, (size,), units, KEPT.get(path.rpartition("/")[2], "first-order states of a force"))
 
 
 def body_path(name: str, quantity: str) -> str:
@@ -344,7 +345,7 @@ class TermStates(ShortRepr):
 
 
 @dataclass(frozen=True, repr=False)
-class Result(ShortRepr):
+class Result(ShortRepr, Recorded):
     """States and energies of a system over the stored times.
 
     Of a large file or store (see `exunet.results.io`) all arrays but `time` are
@@ -363,15 +364,14 @@ class Result(ShortRepr):
                        the work that they, drums, an ejection, and bodies whose motion is given have put in
     momentum         : (n_times, 3) [kg m/s]
     angular_momentum : (n_times, 3) [kg m2/s], about the origin
-    complete         : False if the run stopped before its end
-    verdict          : "ok", or why it stopped
-    provenance       : case text, versions, method, counts, wall times (JSON-like)
+    run              : record of the run: verdict, case, plan, cost, largest tensions, events
     largest_elastic  : (n_times,) [J], largest over all steps since the stored time before, which counts too;
                        None: not a result of a run
     least_kinetic    : (n_times,) [J], the same for the least kinetic energy
     bodies           : the bodies beside the net, by name
     states           : first-order states of forces, and what is stored of what they remember, by
                        "term/quantity"
+    contacts         : series of contacts, by body, what touches it, and quantity
     ensemble_file      : of a result that was read: perturbed runs, beside its file; None: no such file
     """
 
@@ -387,13 +387,12 @@ class Result(ShortRepr):
     dissipated: Floats
     momentum: Floats
     angular_momentum: Floats
-    complete: bool
-    verdict: str
-    provenance: dict[str, Any] = field(default_factory=dict)
+    run: RunRecord = field(default_factory=RunRecord)
     largest_elastic: Floats | None = None
     least_kinetic: Floats | None = None
     bodies: Mapping[str, BodyStates] = field(default_factory=dict)
     states: Mapping[str, TermStates] = field(default_factory=dict)
+    contacts: Mapping[ContactKey, TermStates] = field(default_factory=dict)
     ensemble_file: Path | None = None
 
     def to_frame(self) -> DataFrame:
@@ -429,7 +428,8 @@ class Result(ShortRepr):
             chosen = slice(start, stop)
             bodies = {name: _cut(body, chosen) for name, body in self.bodies.items()}
             states = {name: _cut(one, chosen) for name, one in self.states.items()}
-            yield replace(_cut(self, chosen), bodies=bodies, states=states)
+            contacts = {key: _cut(one, chosen) for key, one in self.contacts.items()}
+            yield replace(_cut(self, chosen), bodies=bodies, states=states, contacts=contacts)
 
 
 _ENERGIES = ("kinetic", "elastic", "potential", "dissipated")

@@ -158,7 +158,7 @@ def remove_waiting(folder: Path) -> None:
     shutil.rmtree(folder / REPLACEMENT, ignore_errors=True)
 
 
-def take_place(folder: Path) -> None:
+def take_place(folder: Path) -> Path:
     """Put what waits in the place of the earlier result, the result first; what described that goes."""
     place = folder / REPLACEMENT
     try:
@@ -169,6 +169,7 @@ def take_place(folder: Path) -> None:
         place.rmdir()
     except OSError as error:
         raise cannot_write(folder, error) from error
+    return folder
 
 
 def remove_descriptions(folder: Path, but: list[str] | tuple[str, ...] = ()) -> None:

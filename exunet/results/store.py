@@ -14,11 +14,11 @@ import sqlite3
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
@@ -35,6 +35,7 @@ CREATE TABLE batch (id INTEGER PRIMARY KEY, first INTEGER, count INTEGER, stop I
 CREATE TABLE numbers (id INTEGER PRIMARY KEY, crc INTEGER, data BLOB);
 CREATE TABLE checkpoint (batch INTEGER, crc INTEGER, data BLOB);
 """
+_COLUMNS = TypeAdapter(tuple[Column, ...])
 _COUNT = "SELECT coalesce(max(stop), 0) FROM batch WHERE stop > first"  # others were dropped
 
 
@@ -140,7 +141,7 @@ class FileStore:
             version, columns, request, self.head = self._db.execute("SELECT * FROM run").fetchone()
             if version != VERSION:
                 raise InputError(f"{path}: requires version {VERSION}, got {version}")
-            self.columns = tuple(Column(**load | {"row": tuple(load["row"])}) for load in json.loads(columns))
+            self.columns = _COLUMNS.validate_json(columns)
             self.request: dict[str, Any] = json.loads(request)
             (self._count,) = self._db.execute(_COUNT).fetchone()
         self._number = {column.path: k for k, column in enumerate(self.columns)}
@@ -150,7 +151,7 @@ class FileStore:
         cls, path: Path, columns: tuple[Column, ...], head: bytes, request: Mapping[str, Any]
     ) -> FileStore:
         """Make an empty store, whose file appears whole or not at all; InputError if it cannot be written."""
-        about = json.dumps([asdict(column) for column in columns]), json.dumps(dict(request))
+        about = _COLUMNS.dump_json(columns).decode(), json.dumps(dict(request))
         db = sqlite3.connect(":memory:", isolation_level=None)
         db.executescript(f"PRAGMA page_size=16384; {_TABLES}")
         db.execute("INSERT INTO run VALUES (?, ?, ?, ?)", (VERSION, *about, head))

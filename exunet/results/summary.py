@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from exunet.base.arguments import takes
 from exunet.base.arrays import Floats
 from exunet.base.files import replacing
-from exunet.forces.corner_units import NAME as UNITS
+from exunet.forces.contact.status import NODES, THREADS
 from exunet.net.arrays import Net
 from exunet.results.comparison import Agreement, ComparedBreaks
 from exunet.results.ensemble import Ensemble
@@ -27,11 +28,11 @@ from exunet.results.measures import (
     moving_mass,
 )
 from exunet.results.metrics import Metric, metrics_of
-from exunet.results.observables import NODES, THREADS, Observables, touched_bodies
+from exunet.results.observables import Observables, touched_bodies
 from exunet.results.outcome import summary_of_capture
 from exunet.results.penetration import overlaps, threads_inside
-from exunet.results.provenance import done, summary_of_script
 from exunet.results.result import BodyStates, Result
+from exunet.results.run_record import RunRecord, summary_of_script
 
 _SAME = 1e-3  # [s]: a contact is not listed beside the event of a script that waited for it
 STANDARD_GRAVITY = 9.80665  # m/s2, which relates a specific impulse in seconds to a speed
@@ -53,21 +54,20 @@ def summary_of(
     run: Observables, check: Agreement | str | None, ensemble: Ensemble | str | None
 ) -> dict[str, Any]:
     """Collect the numbers of a result from observables that are computed already in part."""
-    result, known = run.result, run.result.provenance
-    engine = known.get("engine", {})
+    result, record = run.result, run.result.run
     return {
-        "title": known.get("title", ""),
-        "case": known.get("case"),
-        "overrides": known.get("overrides", []),
+        "title": record.title,
+        "case": record.case.name,
+        "overrides": list(record.case.overrides),
         "verdict": result.verdict,
-        "end_s": known.get("end"),
+        "end_s": record.end,
         "simulated_until_s": float(result.time[-1]),
         "nodes": result.net.n_nodes,
         "elements": result.net.n_elements,
         "mass_kg": float(result.net.mass.sum()),
         **({"mass_of_all_kg": moving_mass(result)} if result.bodies else {}),
         "bodies": {name: _body(result.net, body) for name, body in result.bodies.items()},
-        "effects": known.get("effects", []),
+        "effects": list(record.effects),
         "energy": {
             "initial_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
             "scale_J": energy_divisor(result),
@@ -88,44 +88,34 @@ def summary_of(
             {"body": item.body, "elements": item.elements, "first_s": item.time, "element": item.element}
             for item in threads_inside(result, but=touched_bodies(result, (THREADS, NODES)))
         ],
-        "broken": known.get("broken"),
+        "broken": [event.as_json() for event in record.breaks] if record.can_break else None,
         "timeline": [{"time_s": event.time, "event": event.name} for event in timeline(run)],
-        "script": summary_of_script(known),
+        "script": summary_of_script(record),
         "control": _control(run),
-        "method": {
-            "name": known.get("method"),
-            "tolerance": known.get("tolerance"),
-            "step_s": known.get("step"),
-            "backend": engine.get("backend"),
-            "items": known.get("items", {}),
-        },
-        "cost": {
-            "steps": known.get("steps"),
-            "rejected_steps": known.get("rejected_steps"),
-            "right_hand_sides": known.get("right_hand_sides"),
-            "newton_iterations": known.get("newton_iterations"),
-            "build_s": known.get("build_seconds"),
-            "integration_s": known.get("integration_seconds"),
-        },
-        "retries": [
-            {
-                "stopped": retry["stopped"],
-                "from_time_s": retry["from_time"],
-                "tolerance": retry.get("tolerance"),
-                "step_s": retry.get("step"),
-            }
-            for retry in known.get("retries", [])
-        ],
-        "notes": known.get("notes", []),
+        "method": _method(record),
+        "cost": _cost(record),
+        "retries": [asdict(retry) for retry in record.retries],
+        "notes": [] if record.plan is None else list(record.plan.notes),
         "check": _agreement(check) if isinstance(check, Agreement) else _refused(check),
         # What `exunet run` fills in, the latter three with finer runs and --estimate-error.
         "implausible": [],
         "step": None,
         "divisions": None,
         "error_estimate": None,
-        "versions": known.get("versions", {}),
-        "platform": known.get("platform"),
+        "versions": dict(record.versions),
+        "platform": record.platform,
     }
+
+
+def _method(record: RunRecord) -> dict[str, Any]:
+    plan, names = record.plan, ("name", "tolerance", "step_s", "backend")
+    values = [None] * 4 if plan is None else [plan.method, plan.tolerance, plan.step, plan.backend]
+    return {**dict(zip(names, values, strict=True)), "items": dict(record.items)}
+
+
+def _cost(record: RunRecord) -> dict[str, float | None]:
+    cost = dict.fromkeys(asdict(record.cost)) if record.plan is None else asdict(record.cost)
+    return {name.replace("seconds", "s"): value for name, value in cost.items()}
 
 
 class Event(NamedTuple):
@@ -139,17 +129,17 @@ class Event(NamedTuple):
 
 def timeline(run: Observables) -> list[Event]:
     """Return events of the script, first contacts of the net, and the first break, in order."""
-    known = run.result.provenance
-    events = [Event(item["time_s"], item["entry"], item["event"], item["cause"]) for item in done(known)]
+    record = run.result.run
+    events = [Event(item.time_s, item.entry, item.event, item.cause) for item in record.done]
     if not events:
-        events = [Event(item["time_s"], "ejection") for item in known.get("ejection") or ()]
+        events = [Event(item.time_s, "ejection") for item in record.ejections]
     for body in run.touched_bodies:
         first = run.first_contact(body)
         if first is not None and all(abs(first - event.time) > _SAME for event in events):
             events.append(Event(first, f"contact with {body}"))
-    if broken := known.get("broken"):
-        first = min(broken, key=lambda item: item["time_s"])
-        events.append(Event(first["time_s"], "first break", f"element {first['element']}"))
+    if broken := record.breaks:
+        item = min(broken, key=lambda item: item.time_s)
+        events.append(Event(item.time_s, "first break", f"element {item.element}"))
     return sorted(events)
 
 
@@ -179,23 +169,23 @@ def _ensemble(ensemble: Ensemble | str | None) -> dict[str, Any] | None:
     """Which runs the ranges are of, or why it has no ranges; None if none were requested."""
     if not isinstance(ensemble, Ensemble):
         return _refused(ensemble)
-    known = ensemble.provenance
-    names = {
-        "move_m": "move_m",
-        "seed": "seed",
-        "method": "method",
-        "tolerance": "tolerance",
-        "step_s": "step",
+    record, plan = ensemble.run, _method(ensemble.run)
+    return {
+        "runs": ensemble.runs,
+        "move_m": record.move_m,
+        "seed": record.seed,
+        "method": plan["name"],
+        "tolerance": plan["tolerance"],
+        "step_s": plan["step_s"],
+        "endings": [asdict(item) for item in record.endings],
     }
-    settings = {name: known.get(key) for name, key in names.items()}
-    return {"runs": ensemble.runs, **settings, "endings": known.get("endings", [])}
 
 
 def _capture(run: Observables, ensemble: Ensemble | str | None) -> dict[str, Any] | None:
     """Outcome of this run and of perturbed runs; None of a case without [capture]."""
     found = summary_of_capture(run)
     if found is not None and isinstance(ensemble, Ensemble):
-        found["perturbed_runs"] = ensemble.provenance.get("outcomes", {})
+        found["perturbed_runs"] = dict(ensemble.run.outcomes)
     return found
 
 
@@ -208,9 +198,7 @@ def _attachments(run: Observables) -> dict[str, list[dict[str, Any]]]:
     """Where threads pull on each body, and how the metrics of each place begin."""
     found: dict[str, list[dict[str, Any]]] = {}
     for place in run.attachments:
-        until = (
-            min(carried_until(run.result.provenance), float(run.time[-1])) if place.node == PACKED else None
-        )
+        until = min(carried_until(run.result.run), float(run.time[-1])) if place.node == PACKED else None
         node = None if place.node == PACKED else place.node
         entry = {"node": node, "packed_net_until_s": until, "metrics": f"attachment_{place.name}"}
         found.setdefault(place.body, []).append(entry)
@@ -230,21 +218,21 @@ def _momentum(result: Result) -> dict[str, float | bool]:
 
 def _control(run: Observables) -> dict[str, Any] | None:
     """Impulse of each corner unit and of all, and the propellant for it; None of a case without units."""
-    about = run.result.provenance.get(UNITS)
+    about = run.result.run.units
     if about is None or run.spent is None:
         return None
-    spent, specific = run.spent[-1].tolist(), about["specific_impulse"]
+    spent, specific = run.spent[-1].tolist(), about.specific_impulse
 
     def propellant(impulse: float) -> float | None:
         return None if specific is None else impulse / (STANDARD_GRAVITY * specific)
 
     units = [
         {"bullet": bullet, "impulse_N_s": value, "propellant_kg": propellant(value), "metrics": f"unit_{k}"}
-        for k, (bullet, value) in enumerate(zip(about["bullets"], spent, strict=True))
+        for k, (bullet, value) in enumerate(zip(about.bullets, spent, strict=True))
     ]
     return {
-        "kind": about["kind"],
-        "period_s": about["period"],
+        "kind": about.kind,
+        "period_s": about.period,
         "units": units,
         "impulse_N_s": sum(spent),
         "work_J": float(run.work_of_units[-1]),

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from exunet.results.ensemble import sensitivity, words_of_endings
 from exunet.results.measures import NEARLY_OPEN
+from exunet.results.run_record import Ending
 
 Rows = list[tuple[str, str]]
 Summary = Mapping[str, Any]
@@ -223,7 +224,7 @@ def _trust(summary: Summary, *, every: bool) -> Iterator[tuple[str, str]]:
         if outcomes := (summary.get("capture") or {}).get("perturbed_runs"):
             yield "", f"outcomes: {', '.join(f'{name} {number}' for name, number in outcomes.items())}"
         if ensemble["endings"]:
-            yield "", f"ended: {words_of_endings(ensemble['endings'])}"
+            yield "", f"ended: {words_of_endings(Ending(**item) for item in ensemble['endings'])}"
     yield from _row("Balances", _balances(summary))
     if check is None or "refused" in check:
         reason = "--check" if check is None else check["refused"]

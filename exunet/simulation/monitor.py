@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import RunStopped
+from exunet.base.run_events import RunEvent, ScriptEvent
 from exunet.forces.blocks import AWAKE
 from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, Series
 from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest
 from exunet.kernels.kernel import term_kernel
-from exunet.methods.method import Backend, Plan, turning_polynomial
-from exunet.model.ejection import Ejection
-from exunet.model.script import HEADING as SCRIPT
+from exunet.methods.method import Plan, turning_polynomial
 from exunet.model.states import States
 from exunet.model.system import State, System
+from exunet.results.run_record import Peak
 from exunet.simulation.guards import (
     COLLAPSE_ADVICE,
     LOAD_ADVICE,
@@ -93,17 +93,9 @@ class Peaks:
         """Largest tension of each group."""
         return tuple(maxima[-1] for maxima in self._maxima)
 
-    def provenance(self) -> dict[str, Any]:
-        """Return the largest tension [N] with its time [s] and element (-1 if no element was taut)."""
-        return _as_json(max(self.largest, key=lambda peak: (peak.tension, -peak.time)))
-
-    def of_groups(self) -> dict[str, dict[str, Any]]:
+    def of_groups(self) -> dict[str, Peak]:
         """Return the largest tension of each group, by name."""
-        return {name: _as_json(peak) for name, peak in zip(self._groups, self.largest, strict=True)}
-
-
-def _as_json(peak: Largest) -> dict[str, Any]:
-    return {"tension_N": peak.tension, "time_s": peak.time, "element": peak.element}
+        return {name: Peak(*peak) for name, peak in zip(self._groups, self.largest, strict=True)}
 
 
 class ElementPeaks:
@@ -350,12 +342,9 @@ class Monitor:
         self.dissipated = system.lost_at_start
         self.last_good = state
         self.safe, self.safe_dissipated = state, self.dissipated
-        self.events: list[dict[str, Any]] = []
-        switches = system.forces.switches
-        self._headings = {term.memory.name: switch.heading for term, switch in switches if term.memory}
-        if system.ejection is not None:
-            self._headings[Ejection.heading] = Ejection.heading
-            self.events = [{"heading": Ejection.heading, **system.ejection.event}]
+        self.events: list[RunEvent] = []
+        if system.ejection is not None and system.ejection.event is not None:
+            self.events = [system.ejection.event]
         self._remember(state.memory)
 
     def _remember(self, memory: Arrays) -> None:
@@ -369,10 +358,10 @@ class Monitor:
         """Energy scale of the guards [J]."""
         return self._guards.scale
 
-    def explain(self, plan: Plan, backend: Backend) -> None:
-        """Set plan and backend of the run from now on, for the guards and their messages."""
+    def explain(self, plan: Plan) -> None:
+        """Set the plan of the run from now on, for the guards and their messages."""
         self._plan = plan
-        self._guards.explain(plan, turning_polynomial(plan.method, backend))
+        self._guards.explain(plan, turning_polynomial(plan.method, plan.backend))
 
     def mark(self, time: float) -> None:
         """Mark a time [s] at which a step ends, whose state is checked and stored."""
@@ -389,20 +378,8 @@ class Monitor:
     @property
     def phase(self) -> str:
         """Last entry of the script that has happened; "" without."""
-        mine = (event for event in reversed(self.events) if event["heading"] == SCRIPT and event["done"])
-        return str(next(mine, {"entry": ""})["entry"])
-
-    def provenance(self) -> dict[str, list[dict[str, Any]]]:
-        """Return the events so far, by heading."""
-        return {
-            heading: [
-                {key: value for key, value in event.items() if key != "heading"}
-                for event in self.events
-                if event["heading"] == heading
-            ]
-            for heading in self._headings.values()
-            if heading
-        }
+        events = (event for event in reversed(self.events) if isinstance(event, ScriptEvent))
+        return next((event.entry for event in events if event.done), "")
 
     def go_back(self) -> State:
         """Go back to the last safe state and return it."""
@@ -411,7 +388,7 @@ class Monitor:
         self.last_good = self.safe
         self._marks, self._drifted, self._kept_at = [], False, {}
         self._remembered_until, self._good_until = self.safe.time, math.inf
-        self.events = [event for event in self.events if event["time_s"] <= self.safe.time]
+        self.events = [event for event in self.events if event.time_s <= self.safe.time]
         self._remember(self.safe.memory)
         self.forget_after(self.safe.time)
         return self.safe
@@ -455,7 +432,7 @@ class Monitor:
         }
         return {"time": np.array(list(self._kept_at), dtype=float), **rows}
 
-    def restore(self, arrays: Arrays, events: list[dict[str, Any]]) -> None:
+    def restore(self, arrays: Arrays, events: list[RunEvent]) -> None:
         """Restore from `arrays`."""
         self._guards.gained = arrays["gained"]
         self.dissipated, self._base, self.safe_dissipated = map(float, arrays["dissipated"])
@@ -468,7 +445,7 @@ class Monitor:
         rows = dict(group_of("kept_at", arrays))
         times = rows.pop("time", np.zeros(0)).tolist()
         self._kept_at = {time: {name: rows[name][k] for name in rows} for k, time in enumerate(times)}
-        self.events = list(events)
+        self.events = events
         self._remembered_until, self._good_until = self.last_good.time, math.inf
         if self._series is not None:
             self._series.restore(group_of("series", arrays))
@@ -518,8 +495,7 @@ class Monitor:
     def changed(self, time: float, memory: str, change: Change) -> None:
         left = (change.energy_lost or 0.0) - change.work_given
         self.dissipated += left
-        events = [{"heading": self._headings[memory], **event} for event in change.events]
-        self.events = [*self.events, *events]  # snapshots hold the old list
+        self.events = [*self.events, *change.events]
         asleep = {} if change.awake is None else {AWAKE: change.awake}
         self._remember({**self._memory, **change.others, memory: change.memory, **asleep})
         moves = change.x is not None or change.v is not None

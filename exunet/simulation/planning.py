@@ -201,21 +201,20 @@ def choose_backend(scene: Scene, method: Method) -> tuple[Backend, str]:
     return Backend.EXUDYN, f"Exudyn: the compiled loop does not have {method}"
 
 
-def with_backend(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
-    """Replace "auto" of engine.backend in the scene, and note the choice in the plan."""
-    engine, notes = scene.engine, plan.notes
-    if engine.backend == AUTO:
+def with_backend(scene: Scene, system: System, plan: Plan) -> Plan:
+    """Set the backend of a plan: that of the scene, or for "auto" one that is chosen and noted."""
+    backend, notes = scene.engine.backend, plan.notes
+    if backend == AUTO:
         backend, why = choose_backend(scene, plan.method)
-        engine = engine.model_copy(update={"backend": backend})
         notes = (*notes, why) if why else notes
-    if engine.backend == Backend.EXUDYN and plan.tolerance is not None:
+    if backend == Backend.EXUDYN and plan.tolerance is not None:
         # The engine's longest step, a whole part of the run, has always been measured so.
         longest = scene.time.end / max(1, math.ceil(scene.time.end / plan.longest_step))
         plan = replace(plan, longest_step=longest)
     words = slow_turning(scene, system, plan.method)
-    if words and engine.backend == Backend.EXUDYN:
+    if words and backend == Backend.EXUDYN:
         notes = (*notes, words)
-    return scene.model_copy(update={"engine": engine}), replace(plan, notes=notes)
+    return replace(plan, backend=Backend(backend), notes=notes)
 
 
 def slow_turning(scene: Scene, system: System, method: Method) -> str:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
@@ -45,8 +45,8 @@ from exunet.model.system import State, System
 from exunet.net.arrays import Net
 from exunet.results.io import RESULT_FILE, load_result
 from exunet.results.loads import broken_at, released_at
-from exunet.results.provenance import RestartSource, SceneProvenance
 from exunet.results.result import Result
+from exunet.results.run_record import RestartSource, RunRecord
 from exunet.scene.casefile import Case, case_of, located_faults
 from exunet.scene.plausibility import cord_notes, damping_note, place_notes
 from exunet.scene.scene import Scene
@@ -59,13 +59,13 @@ _SAME = 1e-9  # [s], round-off of a stored time in decimals
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Restart with its provenance.
+    """Restart with its origin.
 
-    provenance : file, stored time [s], hash of the file
+    origin : file, stored time [s], hash of the file
     """
 
     restart: Restart
-    provenance: RestartSource
+    origin: RestartSource
 
 
 def load_restart(named: str) -> Source:
@@ -116,13 +116,12 @@ def _row(result: Result, time_text: str | None, path: Path) -> int:
 
 
 def _state(result: Result, row: int, path: Path) -> Restart:
-    time, provenance = float(result.time[row]), result.provenance
+    time, run = float(result.time[row]), result.run
     points = [name for name, body in result.bodies.items() if body.inertia is None]
     if points:
         words = f"has a point mass, {points[0]!r}, of [effects.launch_force]: start from a run without it"
         _refuse(f"{path}: {words}")
-    held = SceneProvenance.of(provenance).carried is not None
-    if held and not any(event["time_s"] <= time for event in provenance.get("ejection", [])):
+    if run.carried is not None and not any(event.time_s <= time for event in run.ejections):
         _refuse(
             f"{path}: at {time:g} s a body still holds the packed net: start from a state after its ejection"
         )
@@ -134,7 +133,7 @@ def _state(result: Result, row: int, path: Path) -> Restart:
     states = {name: np.array(state.values[row : row + 1][0]) for name, state in result.states.items()}
     where = f"{path} at {time:g} s"
     place, speed = (np.array(part[row : row + 1][0]) for part in (result.position, result.velocity))
-    releases = _releases(provenance, time)
+    releases = _releases(run, time)
     broken = tuple(element for element, when in broken_at(result).items() if when <= time)
     return Restart(where, result.net, place, speed, bodies, states, broken, releases)
 
@@ -142,12 +141,9 @@ def _state(result: Result, row: int, path: Path) -> Restart:
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 
-def _releases(provenance: dict[str, Any], time: float) -> dict[str, bool]:
+def _releases(run: RunRecord, time: float) -> dict[str, bool]:
     """Return the attachments that a script of that run releases; True if released."""
-    return {
-        item.tie: not item.tied or released_at(provenance, item.tie) <= time
-        for item in SceneProvenance.of(provenance).releases
-    }
+    return {item.tie: not item.tied or released_at(run, item.tie) <= time for item in run.releases}
 
 
 NO_REACTION = "launch recoil is not modelled: set initial.frame.body to the launching body"
@@ -320,12 +316,12 @@ def prepare(scene: str | Path | Case | Scene, *, hosted: bool = False) -> Start:
     with np.errstate(all="ignore"):
         plan = with_pilots(scene, system, state, plan)
     notes += tuple(friction_warnings(system, plan))
-    scene, plan = with_backend(scene, system, plan)
-    provenance = None
+    plan = with_backend(scene, system, plan)
+    origin = None
     if source is not None:
-        provenance = source.provenance
+        origin = source.origin
         notes += (f"starts from the state of {source.restart.source}",)
-    return Start(scene, system, state, replace(plan, notes=plan.notes + notes), provenance)
+    return Start(scene, system, state, replace(plan, notes=plan.notes + notes), origin)
 
 
 def _effect_notes(scene: Scene, system: System) -> Iterator[str]:

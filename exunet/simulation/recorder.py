@@ -1,11 +1,10 @@
-"""Record of a run: the rows of its stored states, and the provenance of its result."""
+"""Record of a run: the rows of its stored states, and what its result has beside them."""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from exunet.base.machine import MEMORY_VARIABLE, disk_left, memory_left
 from exunet.base.version import VERSION
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.shapes import packed
-from exunet.forces.corner_units import NAME as UNITS
 from exunet.forces.effects.gravity import Gravity
 from exunet.forces.effects.orbit import Orbit
 from exunet.integrators.exudyn.engine import exudyn_version
@@ -27,9 +25,7 @@ from exunet.model.states import States
 from exunet.model.system import System
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.tether import reels_of
-from exunet.results.capture import RULE
 from exunet.results.io import result_of_rows
-from exunet.results.provenance import Carried, Release, SceneProvenance, ScriptEntry, WinchLimits
 from exunet.results.result import (
     OPTIONAL,
     PATHS,
@@ -40,6 +36,17 @@ from exunet.results.result import (
     body_path,
     declare,
     state_column,
+)
+from exunet.results.run_record import (
+    Carried,
+    CaseText,
+    Cost,
+    Release,
+    Retry,
+    RunRecord,
+    ScriptEntry,
+    UnitSettings,
+    WinchLimits,
 )
 from exunet.results.store import MemoryStore, RowStore
 from exunet.scene.script import awaited_entries, drive_of, ejects
@@ -75,7 +82,7 @@ def columns_of(system: System, *, every_step: bool = True) -> tuple[Column, ...]
     declared = declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system))
     optional = {PATHS[name] for name in OPTIONAL}
     states = (state_column(state.name, len(state.initial), state.units) for state in system.blocks.states)
-    series = (state_column(one.name, one.size, one.units) for _, one in series_of(system))
+    series = (state_column(one.key, one.size, one.units) for _, one in series_of(system))
     return (
         *(column for column in declared if every_step or column.path not in optional),
         *states,
@@ -109,20 +116,20 @@ def validate_memory(what: str, needed: int) -> None:
 
 
 class Recorder:
-    """Record of a run over all its attempts: stored states as rows, and provenance.
+    """Record of a run over all its attempts: stored states as rows, and what the result has beside them.
 
     times    : (n,) of the states to be stored [s]
     every_step : False without extremes of all steps: of energies, and of the tension of each element
     envelope : extremes of the energies of all steps
     element_peaks : largest tensions of all steps
     series   : discrete states at the stored times
-    provenance : what the result records so far, JSON-like
+    record   : what the result records of the run so far
     """
 
     def __init__(
         self,
         start: Start,
-        provenance: Mapping[str, Any],
+        case: CaseText | None = None,
         store: RowStore | None = None,
         *,
         every_step: bool = True,
@@ -138,7 +145,7 @@ class Recorder:
         )
         row_bytes = sum(column.row_bytes for column in self.rows.columns)
         self._batch = max(1, min(_BATCH, _BATCH_BYTES // max(1, row_bytes)))
-        self.provenance: dict[str, Any] = dict(provenance) | initial_provenance(start)
+        self.record = replace(initial_record(start), case=case or CaseText())
         self._waiting: list[tuple[States, Floats]] = []
         self._n_waiting = 0
         self._last = np.zeros((0, 2))  # elastic and kinetic energy of the last row [J]
@@ -219,7 +226,7 @@ class Recorder:
             at += len(state.initial)
         seen, at = self.series.at(states.time), 0
         for _, series in series_of(self._start.system):
-            rows[STATES + series.name] = seen[:, at : at + series.size]
+            rows[f"{STATES}{series.key}"] = seen[:, at : at + series.size]
             at += series.size
         return rows
 
@@ -238,111 +245,92 @@ class Recorder:
 
     def built(self, items: dict[str, int], seconds: float) -> None:
         """Record the items of the engine and the time of their construction [s]."""
-        self.provenance["items"] = items
-        self.provenance["build_seconds"] += seconds
+        cost = replace(self.record.cost, build_seconds=self.record.cost.build_seconds + seconds)
+        self.record = replace(self.record, items=items, cost=cost)
 
     def integrated(self, counts: StepCounts, seconds: float) -> None:
         """Record the cost of the integration, all attempts together."""
-        self.provenance |= {
-            "steps": counts.steps,
-            "rejected_steps": counts.rejected,
-            "right_hand_sides": counts.right_hand_sides,
-            "newton_iterations": counts.newton_iterations,
-            "integration_seconds": seconds,
-        }
+        cost = Cost(
+            counts.steps,
+            counts.rejected,
+            counts.right_hand_sides,
+            counts.newton_iterations,
+            self.record.cost.build_seconds,
+            seconds,
+        )
+        self.record = replace(self.record, cost=cost)
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
         """Record that the run goes on from an earlier state with a finer plan."""
-        setting = {"step": plan.step} if plan.step is not None else {"tolerance": plan.tolerance}
-        self.provenance["retries"].append({"stopped": stopped, "from_time": time, **setting})
-        self.provenance |= setting
-        ((name, value),) = setting.items()
-        self.provenance["notes"].append(
-            f"retried from t = {time:.6g} s with {name} {value:.3g}: {stopped.split(';')[0]}"
-        )
+        setting = f"tolerance {plan.tolerance:.3g}" if plan.step is None else f"step {plan.step:.3g}"
+        note = f"retried from t = {time:.6g} s with {setting}: {stopped.split(';')[0]}"
+        before = self._start.plan if self.record.plan is None else self.record.plan
+        retry = Retry(stopped, time, plan.tolerance, plan.step)
+        plan = replace(plan, notes=(*before.notes, note))
+        self.record = replace(self.record, plan=plan, retries=(*self.record.retries, retry))
 
-    def finish(self, monitor: Monitor) -> dict[str, Any]:
-        """Append the states that wait and return the provenance for the result."""
+    def restore(self, record: RunRecord) -> None:
+        """Restore plan and retries of a record."""
+        self.record = replace(self.record, plan=record.plan, retries=record.retries)
+
+    def finish(self, verdict: str, monitor: Monitor) -> RunRecord:
+        """Append the states that wait and return the record for the result; verdict: "ok", or the error."""
         self.flush()
-        self.provenance["largest_tension"] = monitor.peaks.provenance()
-        if len(self._start.net.spans) > 1:
-            self.provenance["largest_tensions"] = monitor.peaks.of_groups()
-        if self.every_step:
-            self.provenance["peak_tensions_N"] = self.element_peaks.largest.tolist()
-        self.provenance["energy_scale_J"] = monitor.energy_scale
-        self.provenance |= monitor.provenance()
-        return self.provenance
+        self.record = replace(
+            self.record,
+            verdict=verdict,
+            largest_tensions=monitor.peaks.of_groups(),
+            peak_tensions_N=self.element_peaks.largest.tolist() if self.every_step else None,
+            energy_scale_J=monitor.energy_scale,
+            events=tuple(monitor.events),
+        )
+        return self.record
 
     def result(self, verdict: str, monitor: Monitor) -> Result:
         """Return the result so far; complete if the verdict is "ok"."""
-        provenance = self.finish(monitor)
-        bodies = constants_of_bodies(self._start.system)
-        return result_of_rows(
-            self.rows, self._start.net, bodies, verdict == "ok", verdict, provenance, "the run"
-        )
+        bodies, record = constants_of_bodies(self._start.system), self.finish(verdict, monitor)
+        return result_of_rows(self.rows, self._start.net, bodies, record, "the run")
 
 
 _LAST = ("elastic", "kinetic")
 
 
-def initial_provenance(start: Start) -> dict[str, Any]:
-    """Return the provenance that is known before the first step."""
-    return {
-        "title": start.scene.title,
-        "versions": _versions(),
-        "platform": platform.platform(),
-        "method": start.plan.method,
-        "tolerance": start.plan.tolerance,
-        "step": start.plan.step,
-        "end": start.scene.time.end,
-        "notes": list(start.plan.notes),
-        "engine": start.scene.engine.model_dump(),
-        "effects": sorted(start.scene.effects.on),
-        **({} if (rule := start.scene.capture) is None else {RULE: rule.model_dump()}),
-        **_control(start),
-        **scene_provenance(start).as_json(),
-        "retries": [],
-        "items": {},
-        "build_seconds": 0.0,
-        **dict.fromkeys(_COST, 0),
-    }
-
-
-def _control(start: Start) -> dict[str, Any]:
-    """Return the settings of the corner units, if there are any."""
-    control = start.scene.control
-    if control is None:
-        return {}
-    return {UNITS: control.model_dump(include={"kind", "bullets", "period", "specific_impulse"})}
-
-
-def scene_provenance(start: Start) -> SceneProvenance:
-    """Return the records of the scene."""
-    system, script = start.system, start.scene.script
-    awaited = awaited_entries(script)
-    entries = [
-        ScriptEntry(item.name, item.trigger_words, item.action_words, item.name in awaited) for item in script
-    ]
-    releases = [
-        Release(name, int(tie.points[0]), system.bodies[tie.body].name, tie.start > 0)
-        for name, tie in system.kinematics.ties.items()
-    ]
+def initial_record(start: Start) -> RunRecord:
+    """Return what is known of a run before the first step."""
+    scene, system, control = start.scene, start.system, start.scene.control
+    awaited = awaited_entries(scene.script)
     shapes = {body.name: body.shape for body in system.bodies if body.shape is not None}
-    edges = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
-    grids = {name: shape.grid_spacing for name, shape in shapes.items() if shape.grid_spacing is not None}
-    path = [] if system.line is None else list(system.line.path)
-    drums = {reel.name: int(reel.nodes[0]) for reel in reels_of(start.net, start.scene.tethers)}
-    return SceneProvenance(
-        _carried(start),
-        releases,
-        entries,
-        start.restart,
-        _winch(start),
-        edges,
-        grids,
-        path,
-        drums,
-        _up(start),
+    units = None
+    if control is not None:
+        units = UnitSettings(control.kind, control.bullets, control.period, control.specific_impulse)
+    return RunRecord(
+        title=scene.title,
+        versions=_versions(),
+        platform=platform.platform(),
+        plan=start.plan,
+        end=scene.time.end,
+        effects=tuple(sorted(scene.effects.on)),
+        capture=scene.capture,
+        units=units,
+        can_break=system.forces.cable.switch is not None,
+        carried=_carried(start),
+        releases=[
+            Release(name, int(tie.points[0]), system.bodies[tie.body].name, tie.start > 0)
+            for name, tie in system.kinematics.ties.items()
+        ],
+        script_entries=[
+            ScriptEntry(item.name, item.trigger_words, item.action_words, item.name in awaited)
+            for item in scene.script
+        ],
+        restart=start.restart,
+        winch=_winch(start),
+        edge_radii={name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0},
+        grid_spacings={
+            name: shape.grid_spacing for name, shape in shapes.items() if shape.grid_spacing is not None
+        },
+        closing_path=[] if system.line is None else list(system.line.path),
+        drums={reel.name: int(reel.nodes[0]) for reel in reels_of(start.net, scene.tethers)},
+        up=_up(start),
     )
 
 
@@ -389,9 +377,6 @@ def _carried(start: Start) -> Carried | None:
     origin = np.array(frame.position) - body.centre
     until = None if ejects(start.scene.script) else frame.eject_at  # which the record of events contains
     return Carried(frame.body, until, origin.tolist(), held[0].points.tolist())
-
-
-_COST = ("steps", "rejected_steps", "right_hand_sides", "newton_iterations", "integration_seconds")
 
 
 def _versions() -> dict[str, str]:

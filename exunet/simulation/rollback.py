@@ -22,7 +22,7 @@ from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.integrators import integrator
 from exunet.integrators.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
-from exunet.methods.method import Backend, Plan
+from exunet.methods.method import Plan
 from exunet.model.system import State, System
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
@@ -201,10 +201,10 @@ class Attempts:
 
     def _begin(self, state: State) -> Integrator:
         """Make an integrator at a state with the present plan."""
-        self._monitor.explain(self._plan, Backend(self._start.scene.engine.backend))
+        self._monitor.explain(self._plan)
         began, start = clock.perf_counter(), self._start
         try:
-            made = integrator(start.scene.engine, start.system, state, self._plan, self._monitor)
+            made = integrator(start.system, state, self._plan, self._monitor)
         except IntegrationFailed as failure:
             raise RunStopped(f"not started: {failure}") from failure
         self._let_act(made, self._external.at_start)

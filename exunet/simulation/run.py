@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -17,9 +17,10 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
+from exunet.base.run_events import ScriptEvent
 from exunet.base.times import next_multiple, reached
-from exunet.methods.method import METHODS, Backend
-from exunet.results.io import RESULT_FILE, head_of, load_result, write_rows
+from exunet.methods.method import METHODS
+from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, head_of, load_result, write_rows
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     has_result,
@@ -32,6 +33,7 @@ from exunet.results.run_folder import (
     take_place,
     waiting_place,
 )
+from exunet.results.run_record import CaseText, RunRecord
 from exunet.results.store import STORE_FILE, FileStore
 from exunet.scene.casefile import Case, case_of, files_of, parse_case
 from exunet.scene.scene import Scene
@@ -71,21 +73,21 @@ class Request:
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON-like values."""
         own = {name: value for name, value in vars(self).items() if name != "case"}
-        return provenance(self.case) | own
+        return asdict(case_text(self.case)) | own
 
     @classmethod
     def of_json(cls, stored: dict[str, Any]) -> Request:
         """Return the request of what `as_json` returned; raises CaseError if its files have changed since."""
         own = dict(stored)
-        path = Path(own.pop("folder", "")) / own.pop("case")
+        path = Path(own.pop("folder")) / own.pop("name")
         return cls(parse_case(own.pop("text"), path, own.pop("overrides")), **own)
 
 
-def provenance(case: Case) -> dict[str, Any]:
+def case_text(case: Case) -> CaseText:
     """Return what a result records of the case."""
-    found = {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
     files = case.scene.initial.restart or files_of(case.scene)
-    return found | ({"folder": str(case.path.parent.resolve())} if files else {})  # to resume with them
+    folder = str(case.path.parent.resolve()) if files else ""  # to resume with them
+    return CaseText(case.path.name, case.text, case.overrides, folder)
 
 
 def request_of(folder: Path) -> Request:
@@ -102,7 +104,7 @@ def refuse_checkpoints(start: Start, every: float | None) -> None:
         raise InputError(
             f"--checkpoint-every: {words}, got {every:g} s; without it they are made by wall time"
         )
-    if not METHODS[start.plan.method].restarts_exactly(Backend(start.scene.engine.backend)):
+    if not METHODS[start.plan.method].restarts_exactly(start.plan.backend):
         raise InputError(f"--checkpoint-every: {cannot_restart(start.plan.method)}")
 
 
@@ -124,7 +126,8 @@ class Checkpoints:
     @property
     def _requested_by_script(self) -> int:
         """Number of checkpoints that the script of the case has requested."""
-        return sum(event.get("event") == "checkpoint" for event in self._simulation.monitor.events)
+        events = self._simulation.monitor.events
+        return sum(isinstance(event, ScriptEvent) and event.event == "checkpoint" for event in events)
 
     def __call__(self) -> None:
         """Make a checkpoint if one is due; with a method that cannot restart, store the rows."""
@@ -164,17 +167,15 @@ def run(case: str | Path | Case | Scene | Start, progress: Progress | None = Non
     InputError for what is no valid case.
     """
     if isinstance(case, Start):
-        return simulate(start_of(case), {}, progress)
+        return simulate(start_of(case), progress=progress)
     made = case_of(case, "run")
-    return simulate(prepare_case(made), provenance(made), progress)
+    return simulate(prepare_case(made), case_text(made), progress)
 
 
-def simulate(
-    start: Start, provenance: dict[str, Any] | None = None, progress: Progress | None = None
-) -> Result:
+def simulate(start: Start, case: CaseText | None = None, progress: Progress | None = None) -> Result:
     """Run from a prepared start, which a script may have changed (see `simulation.preparation.prepare`)."""
     validate_memory("time.output_step: the stored states", stored_bytes(start))
-    recorder = Recorder(start, provenance or {})
+    recorder = Recorder(start, case)
     simulation = Simulation(start, recorder=recorder)
     try:
         drive(simulation, recorder, progress)
@@ -288,10 +289,11 @@ def run_into_held(
     if not overwrite:
         refuse_taken(folder)
     put_unfinished_aside(folder)
-    head = head_of(start.net, constants_of_bodies(start.system), provenance(request.case))
+    record = RunRecord(case=case_text(request.case))
+    head = head_of(start.net, constants_of_bodies(start.system), record)
     store = FileStore.create(folder / STORE_FILE, columns_of(start.system), head, request.as_json())
     try:
-        recorder = Recorder(start, provenance(request.case), store)
+        recorder = Recorder(start, record.case, store)
         simulation = Simulation(start, recorder=recorder)
         files = Checkpoints(simulation, recorder, store, request.checkpoint_every)
     except BaseException:
@@ -320,7 +322,7 @@ def resume(folder: str | Path, progress: Progress | None = None, describe: Descr
             if store.columns != columns_of(start.system):
                 raise InputError(f"{folder}: damaged: the stored states are not those of its case")
             content = store.back_to_checkpoint()
-            recorder = Recorder(start, provenance(request.case), store)
+            recorder = Recorder(start, case_text(request.case), store)
             simulation = Simulation(start, recorder=recorder)
             if content is not None:
                 simulation.restore(Snapshot.of_bytes(content))
@@ -340,30 +342,34 @@ def _into(
     describe: Describe | None,
 ) -> Result:
     """Take a run to its end, write its result and describe it."""
-    verdict, failure = "ok", None
+    failure = None
     with _stored(files.store, folder):
         try:
             drive(simulation, recorder, progress, files)
         except RunStopped as stop:
-            verdict, failure = str(stop), stop
+            failure = stop
         _complete(simulation, recorder, failure)
-        found = recorder.finish(simulation.monitor)
+        record = recorder.finish("ok" if failure is None else str(failure), simulation.monitor)
         net, bodies = simulation.start.net, constants_of_bodies(simulation.start.system)
         place = waiting_place(folder) if has_result(folder) else folder
         with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost
-            write_rows(files.store, place / RESULT_FILE, net, bodies, found, verdict, verdict == "ok")
+            write_rows(files.store, place / RESULT_FILE, net, bodies, record)
+            result = load_result(place / RESULT_FILE)
     error: BaseException | None = failure
     try:
-        _describe(place, describe, alone=place == folder)
+        if place == folder:
+            remove_descriptions(place)
+        if describe is not None:
+            describe(result, place)
     except BaseException as cause:  # noqa: BLE001 - it must not cost the result, and is raised below
         error = cause
-    if place != folder and error is None:
-        take_place(folder)
-        place = folder
-    elif place != folder:
-        place = put_waiting_aside(folder)
+    if place != folder:
+        del result  # which closes its file, before that is moved
+        place = take_place(folder) if error is None else put_waiting_aside(folder)
+        result = load_result(place / RESULT_FILE)
+    elif (beside := place / ENSEMBLE_FILE).is_file():
+        result = replace(result, ensemble_file=beside)
     files.store.discard()
-    result = load_result(place / RESULT_FILE)
     if error is not None:
         raise _located(error, result, folder, place)
     return result
@@ -390,15 +396,6 @@ def _stored(store: FileStore, folder: Path) -> Iterator[None]:
         if isinstance(error, KeyboardInterrupt):
             raise Interrupted(f"interrupted; {remedy}") from None
         raise
-
-
-def _describe(place: Path, describe: Describe | None, *, alone: bool) -> None:
-    if alone:
-        remove_descriptions(place)
-    if describe is not None:
-        with postponed():  # as above
-            result = load_result(place / RESULT_FILE)
-        describe(result, place)
 
 
 def _located(error: BaseException, result: Result, folder: Path, place: Path) -> BaseException:

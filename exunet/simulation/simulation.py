@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.base.arguments import finite_number, shown
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
+from exunet.base.run_events import tagged, untagged
 from exunet.base.times import reached
 from exunet.bodies.port import Piece
 from exunet.bodies.rigid import in_frames
@@ -20,12 +21,13 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.corner_units import Function
 from exunet.forces.reel import command_name
 from exunet.integrators.protocol import StepCounts
-from exunet.methods.method import Backend, Method, Plan
+from exunet.methods.method import Method, Plan
 from exunet.model.states import States
 from exunet.model.system import Moving, State
 from exunet.net.closing import NAME, LineThroughRings
 from exunet.net.drive import command_of, too_fast
 from exunet.net.tether import ReeledTether
+from exunet.results.run_record import Peak, RunRecord, largest_of
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import ActiveController, Controller
@@ -195,10 +197,12 @@ class Simulation(Attempts):
         return points | rigid
 
     @property
-    def largest_tension(self) -> dict[str, Any]:
-        """Largest tension of all steps so far: "tension_N", "time_s", "element" (-1 if none was taut)."""
+    def largest_tension(self) -> Peak:
+        """Largest tension of all steps so far; its element is -1 if none was taut."""
         self.settle()
-        return self._monitor.peaks.provenance()
+        peak = largest_of(self._monitor.peaks.of_groups().values())
+        assert peak is not None
+        return peak
 
     def advance(self, duration: float) -> None:
         """Advance by a duration [s]."""
@@ -357,14 +361,11 @@ class Simulation(Attempts):
             "plan": self._plan.as_json(),
             "retries": self._retries,
             "spent": asdict(self._spent),
-            "events": list(self._monitor.events),
+            "events": [tagged(event) for event in self._monitor.events],
         }
         if self._recorder is not None:
             self._recorder.flush()
-            provenance = {
-                name: self._recorder.provenance[name] for name in ("retries", "notes", "tolerance", "step")
-            }
-            header |= {"rows": len(self._recorder), "provenance": provenance}
+            header |= {"rows": len(self._recorder), "record": self._recorder.record.to_json()}
         arrays = grouped("integrator", self._integrator.snapshot())
         arrays |= grouped("monitor", self._monitor.arrays(self.time)) | {"acting": self._acting.copy()}
         arrays |= grouped("stops", self._stops.arrays())
@@ -395,13 +396,13 @@ class Simulation(Attempts):
         if restored != self._plan:
             self._plan = restored
             self._integrator = self._begin(self._start.state)
-        self._monitor.explain(self._plan, Backend(self._start.scene.engine.backend))
+        self._monitor.explain(self._plan)
         self._integrator.restore(group_of("integrator", arrays))
-        self._monitor.restore(group_of("monitor", arrays), header["events"])
+        self._monitor.restore(group_of("monitor", arrays), [untagged(event) for event in header["events"]])
         self._monitor.push(self._external.forces(self._acting))
         if self._recorder is not None:
             self._recorder.drop_after(header["rows"])
-            self._recorder.provenance |= header["provenance"]
+            self._recorder.restore(RunRecord.from_json(header["record"]))
 
     def reset(self) -> None:
         """Go back to the start, without a new build."""

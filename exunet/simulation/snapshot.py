@@ -105,16 +105,17 @@ _DIFFERS = {
     "numpy": "another version of NumPy",
     "exudyn": "another version of Exudyn",
     "numba": "another version of Numba",
-    "engine": "another engine or form of the net",
+    "backend": "another backend",
     "scene": "another case",
     "files": "a case whose files (bodies.*.file, net.*_file, initial.restart) have another content",
     "state": "another start",
 }
-_READABLE = {"exunet", "numpy", "exudyn", "numba", "engine"}  # the others are checksums
-# What a state does not depend on, and the paths of files.
+_READABLE = {"exunet", "numpy", "exudyn", "numba", "backend"}  # the others are checksums
+# What a state does not depend on, the backend, which the plan has, and the paths of files.
 _NOT_IN_SCENE: Any = {
     "time": True,
     "title": True,
+    "engine": True,
     "initial": {"restart"},
     "bodies": {"__all__": {"file"}},
     "net": {"nodes_file", "elements_file"},
@@ -136,7 +137,7 @@ def identity(start: Start) -> dict[str, Any]:
         "numpy": np.__version__,
         "exudyn": exudyn_version(),
         "numba": numba_version(),
-        "engine": start.scene.engine.model_dump(mode="json"),
+        "backend": start.plan.backend.value,
         "scene": hashlib.sha256(json.dumps(scene, sort_keys=True).encode()).hexdigest(),
         "files": _read_from_files(start),
         "state": state.hexdigest(),

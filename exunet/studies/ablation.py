@@ -165,8 +165,8 @@ def _toggle(
         until = float(base.time[last])
         measured = float(apart[: last + 1].max()) / base.net.size
         estimate = 0.0 if found.estimate is None else finding(scene, found.name, until).relative
-    seconds = [float(run.provenance["integration_seconds"]) for run in (with_it, without)]
-    wall = seconds[0] / seconds[1] if seconds[1] else 1.0
+    slow, fast = (run.run.cost.integration_seconds for run in (with_it, without))
+    wall = slow / fast if fast else 1.0
     between = float(np.diff(base.time).max())
     changes = measure_changes(noise.measures, _measures(result), -1.0 if found.on else 1.0, between)
     return Toggled(found, until, estimate, measured, changes, wall, noise.outcomes, _outcome(result))

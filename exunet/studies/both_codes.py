@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 import reference_impl as reference
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
+from exunet.base.run_events import ElementBreak, ScriptEvent
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.bodies.rotations import rotation_matrix
@@ -85,7 +86,8 @@ class RunObserver:
     def changed(self, time: float, memory: str, change: Change) -> None:
         self.dissipated += change.energy_lost or 0.0
         self._memory = {**self._memory, **change.others, memory: change.memory}
-        self.breaks += [Break(event["element"], time) for event in change.events if "element" in event]
+        events = (event for event in change.events if isinstance(event, ElementBreak | ScriptEvent))
+        self.breaks += [Break(event.element, time) for event in events if event.element is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,7 +396,7 @@ class BothCodes(Matched):
 
     def on_backend(self, backend: Backend) -> BothCodes:
         """The same case on a backend; the compiled loop needs Numba to run."""
-        start = replace(self.start, scene=_with_backend(self.start.scene, backend))
+        start = replace(self.start, plan=replace(self.start.plan, backend=backend))
         return replace(self, name=f"{self.name}, {backend}", start=start)
 
     def fastest(self) -> BothCodes:
@@ -422,9 +424,10 @@ class BothCodes(Matched):
         By Exudyn, or by the compiled loop in that form. booked: record the dissipated energy.
         Raises IntegrationFailed if the integrator fails.
         """
-        start = replace(self.start, plan=plan or self.start.plan)
+        start, backend = self.start, self.start.plan.backend
+        start = start if plan is None else replace(start, plan=replace(plan, backend=backend))
         observer = RunObserver(start.system, start.state, booked=booked)
-        stepper = integrator(start.scene.engine, start.system, start.state, start.plan, observer)
+        stepper = integrator(start.system, start.state, start.plan, observer)
         states, left, reels = (
             [start.state.moving],
             [observer.dissipated],
@@ -491,10 +494,6 @@ def coordinates(nodes: Ints) -> Ints:
     return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel())
 
 
-def _with_backend(scene: Scene, backend: Backend) -> Scene:
-    return scene.model_copy(update={"engine": scene.engine.model_copy(update={"backend": backend})})
-
-
 class NotCovered(InputError):
     """Case that the reference does not cover."""
 
@@ -514,7 +513,8 @@ def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
 def both_of(case: Case) -> BothCodes:
     """As `read_both`, of a case that exunet has read."""
     # Exudyn states the law element by element; see `BothCodes.on_backend` for the compiled loop.
-    start = prepare(_with_backend(case.scene, Backend.EXUDYN))
+    engine = case.scene.engine.model_copy(update={"backend": Backend.EXUDYN})
+    start = prepare(case.scene.model_copy(update={"engine": engine}))
     try:
         read = _read_by_reference(case, start.scene)
         if places := places_of_fold(start.scene):

@@ -175,9 +175,11 @@ def halve_step(
     RunStopped
         If one of the runs stops.
     """
-    known, interval = coarse.provenance, start.scene.time.end / INTERVALS  # which the loop divides equally
-    step = interval / (FACTOR * math.ceil(interval / known["step"] - 1e-9))
-    solver = start.scene.solver.model_copy(update={"method": known["method"], "step": step})
+    plan, interval = coarse.run.plan, start.scene.time.end / INTERVALS  # which the loop divides equally
+    assert plan is not None
+    assert plan.step is not None
+    step = interval / (FACTOR * math.ceil(interval / plan.step - 1e-9))
+    solver = start.scene.solver.model_copy(update={"method": plan.method, "step": step})
     halved = replace(start, scene=start.scene.model_copy(update={"solver": solver}))
     fine = perturbed_runs(halved, runs_of_half_step(start, coarse), progress=progress)
     found = refinements(coarse, fine, PART_OF_STEP)

@@ -25,7 +25,7 @@ from exunet.forces import cable
 from exunet.forces.law import STRETCH_BOUND
 from exunet.integrators.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
 from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
-from exunet.integrators.protocol import IntegrationFailed, StepsCollapsed
+from exunet.integrators.protocol import IntegrationFailed, StepCounts, StepsCollapsed
 from exunet.kernels.compile import WIDTH, numba_installed
 from exunet.kernels.kernel import Kernel
 from exunet.methods.config import AUTO
@@ -34,14 +34,15 @@ from exunet.model.states import States
 from exunet.net.arrays import Net
 from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, instants, member_of
 from exunet.results.result import Result
+from exunet.results.run_record import CaseText, EnsembleRecord
 from exunet.scene.casefile import Case, case_of
 from exunet.scene.scene import Scene
 from exunet.simulation.monitor import Monitor, series_of
 from exunet.simulation.planning import is_short
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
-from exunet.simulation.recorder import Recorder, initial_provenance, stored_bytes
+from exunet.simulation.recorder import Recorder, initial_record, stored_bytes
 from exunet.simulation.rollback import FINER_TOLERANCE, finer
-from exunet.simulation.run import provenance
+from exunet.simulation.run import case_text
 
 PAPER_SIZE = 7.0  # [m], of the paper's net with its strings
 SMALL_MOVE = 1e-12 / PAPER_SIZE  # of the net's size: far above round-off, far below what any figure shows
@@ -159,10 +160,10 @@ def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
 
     stop : ends the run by KeyboardInterrupt
     """
-    recorder = Recorder(start, {}, every_step=False)
+    recorder = Recorder(start, every_step=False)
     recorder.store(States.of(start.system, start.state), np.array([start.system.lost_at_start]))
     monitor = Monitor(start.system, start.state, store=recorder.store, series=recorder.series)
-    monitor.explain(start.plan, Backend.COMPILED)
+    monitor.explain(start.plan)
     through = _step_by_step if start.state.memory or start.system.kinematics.knots else _in_intervals
     try:
         evaluations = through(start, kernel, recorder, monitor, stop)
@@ -173,7 +174,7 @@ def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
 
 
 def _result(recorder: Recorder, monitor: Monitor, evaluations: int) -> Result:
-    recorder.provenance["right_hand_sides"] = evaluations
+    recorder.integrated(StepCounts(right_hand_sides=evaluations), 0.0)
     return recorder.result("ok", monitor)
 
 
@@ -212,13 +213,13 @@ def _in_intervals(start: Start, kernel: Kernel, recorder: Recorder, monitor: Mon
 def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event) -> list[Result | None]:
     """Run several starts of one scene at once; None for a run that stopped."""
     system = starts[0].system
-    recorders = [Recorder(start, {}, every_step=False) for start in starts]
+    recorders = [Recorder(start, every_step=False) for start in starts]
     for recorder, start in zip(recorders, starts, strict=True):
         recorder.store(States.of(system, start.state), np.zeros(1))
     # The guards check each stored time, as in a run.
     monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
     for each in filter(None, monitors):
-        each.explain(starts[0].plan, Backend.COMPILED)
+        each.explain(starts[0].plan)
     loop.begin([start.state for start in starts])
     number = _times_side_by_side(starts[0], recorders[0].times)
     for times in _intervals(recorders[0].times, stop, number, number):
@@ -302,9 +303,9 @@ def ensemble(
 
     A case of fixed steps goes eight runs at a time through compiled code, where its forces can and it pays;
     each has the bits that it has alone. A run that fails because of its steps restarts with finer ones,
-    `solver.retry` times. Of a case with [capture] the provenance has "outcomes", the number of runs of each
-    capture outcome; of one whose script has ended runs, "endings", with numbers and times. If perturbations
-    are less than the errors that all runs by a cheap setting share, the provenance has "notes" on it.
+    `solver.retry` times. Of a case with [capture] the record has `outcomes`, the number of runs of each
+    capture outcome; of one whose script has ended runs, `endings`, with numbers and times. If perturbations
+    are less than the errors that all runs by a cheap setting share, the record has `notes` on it.
 
     Raises InputError for a number, a perturbation or a seed out of range, for a method that the compiled loop
     does not have, or for more runs than there is memory; MissingExtra without Numba; RunStopped if a run
@@ -318,9 +319,13 @@ def ensemble(
     validate_memory(runs, start)
     validate_perturbation(start, perturb)
     there = start_of_runs(start)
-    known = provenance(given) if isinstance(given, Case) else {}
-    known |= _settings(there, seed, perturb) | {"runs_requested": int(runs)}
-    known["notes"] = [words] if (words := small_perturbation_note(start, perturb)) else []
+    words = small_perturbation_note(start, perturb)
+    record = replace(
+        _record(there, seed, perturb),
+        case=case_text(given) if isinstance(given, Case) else CaseText(),
+        runs_requested=int(runs),
+        notes=(words,) if words else (),
+    )
     began, members = clock.perf_counter(), list[Member]()
     together = kernel_of_many(there, runs) is not None
     portion = PORTION * (WIDTH if together else 1)
@@ -328,8 +333,9 @@ def ensemble(
     def made(verdict: str) -> Ensemble | None:
         if not members:
             return None
-        known["seconds"] = clock.perf_counter() - began
-        return ensemble_of(members, complete=verdict == "ok", verdict=verdict, provenance=known)
+        return ensemble_of(
+            members, run=replace(record, seconds=clock.perf_counter() - began, verdict=verdict)
+        )
 
     try:
         while (done := len(members)) < runs:
@@ -362,7 +368,7 @@ def perturbed_runs(
     """
     there, move, seed = start_of_runs(start), MOVE, start.scene.seed
     members = _perturbed(there, runs, move, seed, progress)
-    return ensemble_of(members, provenance=_settings(there, seed, move), along=along)
+    return ensemble_of(members, run=_record(there, seed, move), along=along)
 
 
 def _perturbed(
@@ -375,10 +381,8 @@ def _perturbed(
     return run_members(there, places, member_of, retries=retries, progress=progress, bodies=bodies, **more)
 
 
-def _settings(there: Start, seed: int, move: float) -> dict[str, Any]:
-    names = ("title", "versions", "platform", "method", "tolerance", "step", "end", "effects")
-    known = initial_provenance(there)
-    return {name: known[name] for name in names} | {"seed": int(seed), "move_m": float(move)}
+def _record(there: Start, seed: int, move: float) -> EnsembleRecord:
+    return EnsembleRecord(**vars(initial_record(there)), seed=int(seed), move_m=float(move))
 
 
 @takes(start=Start, progress=Callable, bodies=RigidStates)
@@ -403,7 +407,7 @@ def run_ensemble(
     """
     options: dict[str, Any] = {"retries": retries, "workers": workers, "progress": progress, "bodies": bodies}
     members = run_members(start, position, member_of, velocity, **options)
-    return ensemble_of(members, provenance=_settings(start, start.scene.seed, 0.0))
+    return ensemble_of(members, run=_record(start, start.scene.seed, 0.0))
 
 
 def run_members(
@@ -430,6 +434,7 @@ def run_members(
     if start.plan.method not in COMPILED_METHODS:
         words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"
         raise InputError(words)
+    start = replace(start, plan=replace(start.plan, backend=Backend.COMPILED))
     require_whole_number("retries", retries, at_least=0)
     if workers is not None:
         require_whole_number("workers", workers, at_least=1)

@@ -118,7 +118,7 @@ class NetEnvironment(Env):
             raise InputError(f"NetEnvironment: observations: a list of names, got {observations!r}")
         wrenches = [name.removeprefix(_WRENCH) for name in actions if name.startswith(_WRENCH)]
         start = start_of(case, overrides)
-        if start.scene.engine.backend != Backend.COMPILED:  # which alone restarts at once
+        if start.plan.backend != Backend.COMPILED:  # which alone restarts at once
             start = in_the_compiled_loop(start)
         self._start = with_wrenches(start, wrenches)
         self._period = _positive("period", period)

@@ -19,10 +19,12 @@ import numpy as np
 import reference_impl as reference
 from exunet.base.cases import CASES
 from exunet.base.errors import CaseError, Interrupted, RunStopped
+from exunet.forces.contact.status import THREADS, ContactKey
 from exunet.methods.method import METHODS, Backend, Kind
 from exunet.model.limits import largest_frequency, stable_step
 from exunet.results.measures import balance_error, momentum_books
 from exunet.results.result import Result
+from exunet.results.run_record import RunRecord
 from exunet.scene.casefile import load
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
@@ -132,8 +134,9 @@ def _stands(result: Result, _start: Any) -> Iterator[Check]:
 
 
 def _every_step(result: Result, _start: Any) -> Iterator[Check]:
-    steps = result.provenance["steps"]
-    yield Check("states missing", float(abs(steps + 1 - len(result.time))), tol.HARD_NO_STATE_LOST)
+    yield Check(
+        "states missing", float(abs(result.run.cost.steps + 1 - len(result.time))), tol.HARD_NO_STATE_LOST
+    )
 
 
 def _times(result: Result, start: Any) -> Iterator[Check]:
@@ -187,7 +190,7 @@ def _wound_up(result: Result, _start: Any) -> Iterator[Check]:
 
 
 def _from_the_start(result: Result, start: Any) -> Iterator[Check]:
-    first = float(result.states["contact_ball/threads_first"].values[-1][0])
+    first = float(result.contacts[ContactKey("ball", THREADS, "first")].values[-1][0])
     yield Check("first contact", first / float(start.plan.step), tol.HARD_AT_ONCE)
     settings = ("engine.backend=compiled", "bodies.ball.position=[0.0, 0.0, 0.1]")
     try:
@@ -359,7 +362,7 @@ def states_of(scene: Any, run: Any) -> Any:
     states.potential, states.dissipated = theirs.potential(system, x), run.dissipated
     states.momentum = theirs.momentum(system, v)
     states.angular_momentum = theirs.angular_momentum(system, x, v)
-    states.provenance = {}
+    states.run = RunRecord()
     return states
 
 

@@ -39,8 +39,8 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
     result = exunet.load_result(tmp_path / folder)
     assert summary["verdict"] == result.verdict == "ok"
     assert summary["mass_kg"] == pytest.approx(result.net.mass.sum(), rel=1e-12)
-    assert result.provenance["text"] == PLANAR.read_text()
-    assert result.provenance["overrides"] == [SHORT[1], SHORT[3]]
+    assert result.run.case.text == PLANAR.read_text()
+    assert result.run.case.overrides == [SHORT[1], SHORT[3]]
 
 
 @pytest.mark.slow

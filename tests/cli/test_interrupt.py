@@ -96,7 +96,7 @@ def test_discrete_states_of_a_contact_are_stored_until_the_interrupt(backend: st
     result = stop.value.result
     assert pressed
     assert result is not None
-    assert {len(states.values) for states in result.states.values()} == {len(result.time)}
+    assert {len(states.values) for states in result.contacts.values()} == {len(result.time)}
 
 
 def test_a_block_in_another_leaves_ctrl_c_to_it() -> None:

@@ -167,9 +167,9 @@ def test_run_into_and_save_follow_the_same_rule(tmp_path):
         exunet.save(result, tmp_path / "result.h5")
     assert content(tmp_path) == before
     case = load(PLANAR, [*VALUES, "title=other"])
-    assert run_into(tmp_path, case, overwrite=True).provenance["title"] == "other"
+    assert run_into(tmp_path, case, overwrite=True).run.title == "other"
     exunet.save(result, tmp_path / "result.h5", overwrite=True)
-    assert exunet.load_result(tmp_path).provenance["title"] == result.provenance["title"]
+    assert exunet.load_result(tmp_path).run.title == result.run.title
 
 
 def test_a_folder_is_for_one_run_until_its_last_file_is_written(tmp_path):
@@ -196,7 +196,7 @@ def test_overwrite_replaces_result_and_what_described_it(first):
     (first / "here" / "notes.txt").write_text("mine")
     arguments = ("run", PLANAR, *SHORT, "--set", "title=other", "--out", "here", "--overwrite")
     assert command(*arguments, folder=first).returncode == 0
-    assert exunet.load_result(first / "here").provenance["title"] == "other"
+    assert exunet.load_result(first / "here").run.title == "other"
     assert not (first / "here" / "agreement.png").exists()
     assert (first / "here" / "notes.txt").read_text() == "mine"
     assert [path.name for path in first.iterdir()] == ["here"]

@@ -42,7 +42,7 @@ posix = pytest.mark.skipif(os.name != "posix", reason="forks, and sends SIGKILL"
 
 
 def values(path: Path) -> dict[str, Any]:
-    """All that is in a result file, the datasets as bytes; of the provenance all but the wall times."""
+    """All that is in a result file, the datasets as bytes; of the record all but the wall times."""
     found: dict[str, Any] = {}
 
     def take(name: str, item: Any) -> None:
@@ -51,11 +51,11 @@ def values(path: Path) -> dict[str, Any]:
             found[name] |= {"shape": item.shape, "bytes": item[()].tobytes()}
 
     with h5py.File(path) as file:
-        found["/"] = {key: value for key, value in file.attrs.items() if key != "provenance"}
-        found["provenance"] = json.loads(file.attrs["provenance"])
+        found["/"] = {key: value for key, value in file.attrs.items() if key != "run"}
+        found["run"] = json.loads(file.attrs["run"])
         file.visititems(take)
     for name in ("build_seconds", "integration_seconds"):
-        del found["provenance"][name]
+        del found["run"]["cost"][name]
     return found
 
 

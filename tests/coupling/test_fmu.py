@@ -103,7 +103,7 @@ def expected(case: Path, until: float, *overrides: str) -> dict[str, float]:
         f"net.bullet{k}.position.{axis}": bullets[k, n] for k in range(4) for n, axis in enumerate("xyz")
     }
     found |= {f"net.energy.{name}": value for name, value in sim.energy._asdict().items()}
-    found["net.largest_tension"] = sim.largest_tension["tension_N"]
+    found["net.largest_tension"] = sim.largest_tension.tension
     return found
 
 
@@ -614,7 +614,7 @@ def test_the_port_gives_what_a_net_system_gives(port: CHost, moved: NetSystem, a
     assert port.get("ports.chaser.work") == total.work
     spin = vector(port, f"{TARGET}.angular_velocity")  # turned from one frame to another: rounded
     assert spin == pytest.approx(moved.simulation.bodies["the-target"].angular_velocity, abs=2e-16)
-    assert port.get("net.largest_tension") == moved.simulation.largest_tension["tension_N"]
+    assert port.get("net.largest_tension") == moved.simulation.largest_tension.tension
     assert largest > 0.1  # [N]: it was pulled
 
 

@@ -237,9 +237,9 @@ def test_a_host_steps_a_script_and_units_as_a_run_does() -> None:
             held = net.snapshot()
         net.step(float(whole.time[row]), frames(row))
     events = net.simulation.monitor.events
-    assert [event["entry"] for event in events] == ["steer", "cut"]
-    for event, known in zip(events, whole.provenance["script"], strict=True):
-        assert event["time_s"] == pytest.approx(known["time_s"], abs=1e-9)
+    assert [event.entry for event in events] == ["steer", "cut"]
+    for event, known in zip(events, whole.run.script, strict=True):
+        assert event.time_s == pytest.approx(known.time_s, abs=1e-9)
     state = net.simulation.state
     np.testing.assert_allclose(state.position, whole.position[-1], atol=1e-9)
     net.restore(held)

@@ -118,8 +118,8 @@ def test_the_momentum_residual_is_an_error_where_every_force_from_outside_has_a_
         assert all_have_lines(found)
     alone = exunet.load(CASES / "effects" / "launch_force.toml", ["time.end=0.005"])
     assert not all_have_lines(exunet.run(alone))
-    method = {"method": "TrapezoidalIndex2"}  # which has no first-order states
-    assert not all_have_lines(replace(found, provenance=found.provenance | method))
+    plan = replace(found.run.plan, method="TrapezoidalIndex2")  # which has no first-order states
+    assert not all_have_lines(replace(found, run=replace(found.run, plan=plan)))
 
 
 def free_body(folder: Path, *overrides: str) -> exunet.Result:

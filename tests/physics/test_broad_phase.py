@@ -11,7 +11,7 @@ from scenes import BACKENDS, NET_ON_BOX, every_backend, of_text
 from exunet.base.errors import RunStopped
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.contact import broad_phase, segment_surface
-from exunet.forces.contact.status import status_of
+from exunet.forces.contact.status import ContactKey, status_of
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
@@ -120,7 +120,7 @@ def test_a_run_that_contact_stops_keeps_its_states(backend: str) -> None:
     with pytest.raises(RunStopped) as stop:
         simulate(prepare_case(of_text(NET_ON_BOX, *soft)))
     result = stop.value.result
-    touching = result.states["contact_box/threads_touching"].values[:, 0]
+    touching = result.contacts[ContactKey("box", "threads", "touching")].values[:, 0]
     assert len(touching) == len(result.time)
     assert touching[0] == 0 < touching[-1]
     np.testing.assert_allclose(np.diff(result.time), 0.01, rtol=1e-9)

@@ -285,9 +285,9 @@ def test_a_broken_element_loses_what_it_held() -> None:
     assert change.energy_lost == pytest.approx(0.5 * 40.0 * 0.5 * 0.0201**2, rel=1e-12)
     assert change.memory.tolist() == [0.0]
     (told,) = change.events
-    assert told["energy_J"] == change.energy_lost
-    assert told["energy_excess"] == pytest.approx(1.005**2 - 1.0, rel=1e-10)
-    assert (told["element"], told["time_s"]) == (0, 7.0)
+    assert told.energy_J == change.energy_lost
+    assert told.energy_excess == pytest.approx(1.005**2 - 1.0, rel=1e-10)
+    assert (told.element, told.time_s) == (0, 7.0)
 
 
 def test_an_element_breaks_at_the_first_step_beyond_its_limit() -> None:
@@ -297,9 +297,9 @@ def test_an_element_breaks_at_the_first_step_beyond_its_limit() -> None:
         simulate(prepare(load(EFFECT_CASES / "breaking.toml", [*settings, f"time.output_step={step}"]).scene))
         for step in (1e-5, 0.005)
     )
-    known, found = (run.provenance["broken"] for run in (every, some))
-    assert [event["element"] for event in found] == [event["element"] for event in known] == [0]
-    assert found[0]["time_s"] == pytest.approx(known[0]["time_s"], rel=1e-12)
+    known, found = (run.run.breaks for run in (every, some))
+    assert [event.element for event in found] == [event.element for event in known] == [0]
+    assert found[0].time_s == pytest.approx(known[0].time_s, rel=1e-12)
 
 
 def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
@@ -424,29 +424,29 @@ def test_a_warm_cable_is_longer_before_it_pulls() -> None:
 def test_a_snap_that_breaks_loses_what_the_cable_held(backend: str, stepping: list[str]) -> None:
     engine = [f"engine.backend={backend}"]
     run = simulate(prepare(load(EFFECT_CASES / "breaking.toml", [*stepping, *engine]).scene))
-    (broken,) = run.provenance["broken"]
-    assert broken["element"] == 0
+    (broken,) = run.run.breaks
+    assert broken.element == 0
     # EA E11^2 L / 2 at the limit, 70e9 Pa, d = 1 mm; the break comes at the end of the step that passed it,
     # by 1e-6 of the energy with steps that are chosen (`breaking`), by a stretch of 2e-6 s with equal ones.
     stiffness = 70e9 * math.pi / 4 * 1e-6
-    excess = broken["energy_J"] / (0.5 * stiffness * 0.004**2) - 1.0
+    excess = broken.energy_J / (0.5 * stiffness * 0.004**2) - 1.0
     assert 0.0 <= excess < (1e-6 if stepping == ["solver.method=DOPRI5"] else 1.1e-3)
-    assert broken["energy_excess"] == pytest.approx(excess, abs=1e-9)
-    assert run.dissipated[-1] == pytest.approx(broken["energy_J"], rel=1e-12)
+    assert broken.energy_excess == pytest.approx(excess, abs=1e-9)
+    assert run.dissipated[-1] == pytest.approx(broken.energy_J, rel=1e-12)
     assert energy_balance(run) < 1e-7
-    after = run.time > broken["time_s"]
+    after = run.time > broken.time_s
     assert run.tension[after].max() == 0.0
     assert run.tension[~after].max() > 0.0
     assert run.elastic[-1] == 0.0
     mass = run.net.mass.sum()
-    speed = math.sqrt(2.0 * (run.kinetic[0] - broken["energy_J"]) / mass)
+    speed = math.sqrt(2.0 * (run.kinetic[0] - broken.energy_J) / mass)
     assert np.abs(run.velocity[-1, :, 0]) == pytest.approx(speed, rel=1e-6)
 
 
 def test_a_cable_below_its_limit_holds() -> None:
     stronger = ["effects.breaking.strain=0.0055", "engine.backend=exudyn"]
     run = simulate(prepare(load(EFFECT_CASES / "breaking.toml", stronger).scene))
-    assert run.provenance["broken"] == []
+    assert run.run.breaks == []
     assert run.strain.max() == pytest.approx(
         5.331090e-3, rel=2e-2
     )  # the snap's exact peak, between stored times

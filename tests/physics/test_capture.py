@@ -273,9 +273,9 @@ def test_an_ensemble_has_the_measures_of_the_run_before_the_horizon() -> None:
     keys = ["contact_box_first_s", "contact_box_deepest_m", "capture_enclosed", "capture_cqi", "capture_mcqi"]
     for key in [*keys, "capture_relative_speed_m_s"]:
         assert theirs[key] == pytest.approx(ours[key], rel=1e-9)
-    assert run.states["contact_box/threads_touching"].values[0] == 0.0
-    assert np.max(run.states["contact_box/threads_force"].values) > 0.0
-    assert exunet.ensemble(case, 3).provenance["outcomes"] == {"undetermined": 3}  # the net still comes
+    assert run.contacts[exunet.ContactKey("box", "threads", "touching")].values[0] == 0.0
+    assert np.max(run.contacts[exunet.ContactKey("box", "threads", "force")].values) > 0.0
+    assert exunet.ensemble(case, 3).run.outcomes == {"undetermined": 3}  # the net still comes
 
 
 # Shipped cases
@@ -319,7 +319,8 @@ def test_an_open_net_does_not_hold_its_target(name: str, enclosed: float, togeth
     assert energy_balance(result) < 1e-3
     assert threads_inside(result, but=[criterion.target]) == []
     # What pictures mark is as many as contact has counted.
-    counted = np.asarray(result.states[f"contact_{criterion.target}/threads_touching"].values[:, 0])
+    key = exunet.ContactKey(criterion.target, "threads", "touching")
+    counted = np.asarray(result.contacts[key].values[:, 0])
     places = contact_places(result, range(0, len(counted), 7))
     assert (~np.isnan(places)).sum(axis=1).tolist() == counted[::7].tolist()
 

@@ -49,7 +49,7 @@ from exunet.forces.contact.law import (
     regularised_friction,
     shift_for,
 )
-from exunet.forces.contact.status import status_of
+from exunet.forces.contact.status import ContactKey, status_of
 from exunet.kernels import kernel
 from exunet.results.summary import summarise
 from exunet.simulation.preparation import prepare_case
@@ -561,16 +561,17 @@ PRESSED = (  # a sphere of 0.05 m, 0.01 m deep in a ball of 0.1 m
 @every_backend
 def test_contact_at_the_start_is_in_the_first_row(backend: str, tmp_path: Path) -> None:
     """F = k p = 2 N and k p^2 / 2 = 0.01 J; a restart begins with the contact of the state."""
-    changes, begin = (*PRESSED, BACKENDS[backend]), "contact_target/nodes_"
+    changes = (*PRESSED, BACKENDS[backend])
     first = stored(tmp_path, case_in(tmp_path, NODE_AND_BALL, *changes))
-    names = ("touching", "force", "stored", "deepest", "first")
-    found = np.array([first.states[begin + name].values[:, 0] for name in names])
-    assert found[:, 0] == pytest.approx([1.0, 2.0, 0.01, 0.01, 0.0], rel=1e-12)
-    assert first.states[f"{begin}resultant"].values[0] == pytest.approx([0.0, 0.0, -2.0], rel=1e-12)
+    names = ("touching", "force", "stored", "first", "deepest", "resultant")
+    *keys, resultant = (ContactKey("target", "nodes", name) for name in names)
+    found = np.array([first.contacts[key].values[:, 0] for key in keys])
+    assert found[:, 0] == pytest.approx([1.0, 2.0, 0.01, 0.0, 0.01], rel=1e-12)
+    assert first.contacts[resultant].values[0] == pytest.approx([0.0, 0.0, -2.0], rel=1e-12)
     metrics = summarise(first)["metrics"]
     assert metrics["contact_target_first_s"]["value"] == 0.0
     assert metrics["contact_target_largest_force_N"]["value"] == pytest.approx(2.0, rel=1e-12)
     second = exunet.run(restarted(tmp_path, NODE_AND_BALL, "first@0.01", changes))
-    again = [second.states[begin + name].values[0, 0] for name in (*names[:3], "first")]
+    again = [second.contacts[key].values[0, 0] for key in keys[:4]]
     assert again == pytest.approx([*found[:3, 1], 0.0], rel=1e-12)
     assert 0.0 < again[1] < 2.0

@@ -338,7 +338,7 @@ def test_a_function_is_called_at_each_sample_and_its_forces_are_limited() -> Non
     np.testing.assert_allclose(thrust_of(hard), [[0.0, 1.2, 1.6]], rtol=1e-15)
     result = exunet.run(case_of(COMPILED, kind="given"))  # without a function nothing fires
     assert not np.asarray(result.states[SPENT].values).any()
-    assert any("requires a Python function" in note for note in result.provenance["notes"])
+    assert any("requires a Python function" in note for note in result.run.plan.notes)
 
 
 # The missions

@@ -392,7 +392,7 @@ def test_a_whole_study(case: Case, tmp_path: Path) -> None:
     body = result.bodies["box"]
     gained = np.linalg.norm(body.mass * (body.velocity[-1] - body.velocity[0]))
     assert float(own["momentum_box_N_s"]) == pytest.approx(gained, rel=1e-3)
-    first = min(float(one.values[-1, 0]) for name, one in result.states.items() if name.endswith("_first"))
+    first = min(float(one.values[-1, 0]) for key, one in result.contacts.items() if key.quantity == "first")
     assert float(own["contact_box_first_s"]) == pytest.approx(first, abs=1e-4)
     assert own["outcomes"] == "undetermined 3"
     assert rows["step x 1/4"]["momentum_box_N_s_shift"] == ""  # the finest

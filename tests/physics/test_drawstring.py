@@ -315,7 +315,7 @@ def test_a_winch_of_constant_force_lifts_a_weight(backend: str, friction: float)
     if friction > 0.0:
         taken = np.diff(state(result, "friction")[first])[0]
         assert taken == pytest.approx((at_winch - 9.81) * height, rel=3e-3)
-    assert [item["time_s"] for item in result.provenance["closing"]] == pytest.approx([0.1, 1.2])
+    assert [item.time_s for item in result.run.events] == pytest.approx([0.1, 1.2])
 
 
 @pytest.mark.slow
@@ -412,7 +412,7 @@ def test_an_edge_that_becomes_shorter(backend: str, damped: bool) -> None:
     assert work > 0.01
     assert np.ptp(balance) < 1e-5 * work
     assert np.abs(result.momentum).max() < 1e-12
-    assert [item["time_s"] for item in result.provenance["closing"]] == pytest.approx([0.1, 0.3])
+    assert [item.time_s for item in result.run.events] == pytest.approx([0.1, 0.3])
 
 
 @pytest.mark.slow
@@ -451,11 +451,11 @@ def test_a_script_closes_locks_and_tows() -> None:
     At the end -0.15 to -0.23 m/s in perturbed runs; without a tow +0.05 m/s, the speed given by the net.
     """
     result = exunet.run(exunet.load(CASES / "missions" / "throw_close_tow.toml"))
-    events = [item["entry"] for item in result.provenance["script"]]
+    events = [item.entry for item in result.run.script]
     assert events == ["throw", "touch", "close", "lock", "tow", "hold"]
-    _, touched, *_ = result.provenance["script"]
-    first = float(result.states["contact_box/threads_first"].values[-1, 0])
-    assert touched["crossed_s"] == pytest.approx(first, abs=1e-6)
+    _, touched, *_ = result.run.script
+    first = float(result.contacts[exunet.ContactKey("box", "threads", "first")].values[-1, 0])
+    assert touched.crossed_s == pytest.approx(first, abs=1e-6)
     seen = Observables(result)
     found = outcome_of(seen)
     assert found is not None
@@ -475,11 +475,11 @@ def test_a_script_closes_locks_and_tows() -> None:
 def test_a_tether_is_cut_at_its_tension() -> None:
     """At 0.5 N; from then on the momentum of the chaser stays what it is, and the net goes on to the box."""
     result = exunet.run(exunet.load(CASES / "missions" / "cut_tether.toml"))
-    cut, touch = result.provenance["script"]
-    assert cut["value"] == pytest.approx(0.5, abs=1e-4)
-    assert touch["time_s"] > cut["time_s"]
-    after = result.time > cut["time_s"]
+    cut, touch = result.run.script
+    assert cut.value == pytest.approx(0.5, abs=1e-4)
+    assert touch.time_s > cut.time_s
+    after = result.time > cut.time_s
     assert np.ptp(result.bodies["chaser"].velocity[:][after], axis=0).max() < 1e-9  # it turns a little
     assert result.tension[after][:, result.net.n_net_elements].max() == 0.0
-    assert cut["energy_lost_J"] > 0.0
+    assert cut.energy_lost_J > 0.0
     assert energy_balance(result) < 1e-4

@@ -74,10 +74,10 @@ def test_a_light_body_recoils_from_a_launch() -> None:
     body = "bodies.chaser={mass=20.0, inertia=[4.0, 6.0, 8.0]}"
     keys = (body, "initial.frame={body='chaser'}", "launch={radial_speed=0.0, axial_speed=3.0}", WITHOUT[0])
     begin = prepare_case(exunet.load(PAPER, keys))
-    (event,) = Simulation(begin).monitor.provenance()["ejection"]
+    (event,) = Simulation(begin).monitor.events
     thrown = begin.net.mass[begin.net.bullet_nodes].sum()
-    assert event["launch_speed_added_m_s"] == pytest.approx(3.0, rel=1e-12)
-    assert event["launch_speed_relative_m_s"] == pytest.approx(3.0 * (1.0 + thrown / 20.0), rel=1e-12)
+    assert event.launch_speed_added_m_s == pytest.approx(3.0, rel=1e-12)
+    assert event.launch_speed_relative_m_s == pytest.approx(3.0 * (1.0 + thrown / 20.0), rel=1e-12)
 
 
 def test_the_bullets_get_their_speed_relative_to_the_carried_net() -> None:
@@ -154,11 +154,11 @@ def test_an_ejection_keeps_momentum_and_energy(backend: str, tied: bool) -> None
     """Momentum to 1e-12 and angular momentum to 1e-8 of what single parts have; the energy to 1e-5."""
     found = exunet.run(held(BACKENDS[backend], *([] if tied else [FREE])))
     assert found.verdict == "ok"
-    (event,) = found.provenance["ejection"]
-    work = -event.pop("energy_lost_J")
-    assert event["time_s"] == 0.2
-    assert event["nodes"] == found.net.n_net_nodes
-    assert event["body"] == "chaser"
+    (event,) = found.run.ejections
+    work = -event.energy_lost_J
+    assert event.time_s == 0.2
+    assert event.nodes == found.net.n_net_nodes
+    assert event.body == "chaser"
     (before, after) = found.dissipated[np.searchsorted(found.time, 0.2 - 1e-12) - 1 :][:2]
     assert work == pytest.approx(before - after, abs=1e-3 * work)
     scale = float((found.net.mass[:, None] * np.linalg.norm(found.velocity, axis=-1).T).sum(axis=0).max())
@@ -215,7 +215,7 @@ def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(motion: str, tied:
         np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
     for one, other in zip(now.state.bodies.parts(), later.state.bodies.parts(), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-7)
-    (event,), (after,) = (sim.monitor.provenance()["ejection"] for sim in runs)
+    (event,), (after,) = ([item.as_json() for item in sim.monitor.events] for sim in runs)
     assert (event.pop("time_s"), after.pop("time_s")) == (0.0, 1e-9)
     assert event.keys() == after.keys()
     for name in event.keys() - {"body"}:

@@ -32,6 +32,7 @@ from exunet.results.ensemble import (
 from exunet.results.io import ENSEMBLE_FILE
 from exunet.results.metrics import COUNT, Metric
 from exunet.results.result import BodyStates, Result, TermStates
+from exunet.results.run_record import EnsembleRecord
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.scene.casefile import Case
@@ -99,8 +100,9 @@ def test_a_member_has_the_states_and_metrics_of_the_run(tables: dict[str, Any]) 
     (member,) = run_members(start, start.position[None], lambda result: result)
     for name in ("time", "position", "velocity", "tension", "kinetic", "potential", "dissipated", "momentum"):
         assert np.array_equal(getattr(member, name), getattr(run, name)), name
-    for name, state in run.states.items():
-        assert np.array_equal(member.states[name].values, state.values), name
+    of_member = {**member.states, **member.contacts}
+    for key, state in (*run.states.items(), *run.contacts.items()):
+        assert np.array_equal(of_member[key].values, state.values), key
     assert exunet.metrics(member) == exunet.metrics(run)
     assert len(exunet.metrics(run)) >= (8 if tables is BREAKING else 45)
 
@@ -133,7 +135,7 @@ def test_perturbed_runs_follow_the_seed_of_the_case() -> None:
     start = planar("time.end=0.6")
     other = replace(start, scene=start.scene.model_copy(update={"seed": 1}))
     ours, theirs = perturbed_runs(start, 2), perturbed_runs(other, 2)
-    assert (ours.provenance["seed"], theirs.provenance["seed"]) == (0, 1)
+    assert (ours.run.seed, theirs.run.seed) == (0, 1)
     assert not np.array_equal(ours.metrics["largest_tension_N"], theirs.metrics["largest_tension_N"])
 
 
@@ -217,7 +219,7 @@ def test_perturbations_below_the_errors_of_a_cheap_setting_are_noted(
     solver: str, perturb: float, least: str
 ) -> None:
     """benchmarks/ensemble.md: fixed steps shift medians from 1e-9 m, not from 1e-4 m."""
-    notes = exunet.ensemble(exunet.load(PLANAR, [solver, "time.end=0.05"]), 1, perturb).provenance["notes"]
+    notes = exunet.ensemble(exunet.load(PLANAR, [solver, "time.end=0.05"]), 1, perturb).run.notes
     assert (len(notes) == 1) == bool(least)
     assert all(f"--perturb {least} or more" in note for note in notes)
 
@@ -241,19 +243,20 @@ def scaled(size: float) -> Result:
         np.tile([1.0, 0.0, 0.0, 0.0], (5, 1)),
         rising * [1.0, -1.0, 0.0],
     )
-    states = {f"contact_box/threads_{name}": rising for name in ("touching", "force", "deepest", "first")}
-    states |= {f"closing/{name}": 2.0 * rising for name in ("tension_start", "tension_end", "way")}
+    keys = (exunet.ContactKey("box", "threads", name) for name in ("touching", "force", "deepest", "first"))
+    states = {f"closing/{name}": 2.0 * rising for name in ("tension_start", "tension_end", "way")}
     states |= {"closing/wound_up": 3.0 * rising, "closing/work": rising}
     states |= {"control/spent": np.hstack([rising * time[:, None], 5.0 * rising]), "control/work": rising}
     stored = {name: TermStates("1", values) for name, values in states.items()}
-    of = unfolding(square_net(), times=5, bodies={"box": box}, states=stored)
+    contacts = dict.fromkeys(keys, TermStates("1", rising))
+    of = unfolding(square_net(), times=5, bodies={"box": box}, states=stored, contacts=contacts)
     still_net = np.zeros_like(np.asarray(of.position)) + of.net.reference_position
     return replace(of, time=time, position=still_net, velocity=0.0 * still_net)
 
 
 def test_quantiles_by_hand() -> None:
     """Of sizes 1, 2 and 6 minimum, median and maximum, as each quantity goes with the size."""
-    found, time = ensemble_of([member_of(scaled(size)) for size in (1.0, 2.0, 6.0)], provenance={}), 0.5
+    found, time = ensemble_of([member_of(scaled(size)) for size in (1.0, 2.0, 6.0)]), 0.5
     rates = np.array([0.5, 0.5, 1.5, 2.5, 3.5])  # since the instant before; at first of the first interval
     time = np.linspace(0.0, 2.0, 5)
     expected = {
@@ -270,10 +273,10 @@ def test_quantiles_by_hand() -> None:
     for name, values in expected.items():
         of_sizes = np.multiply.outer([1.0, 2.0, 6.0], values)
         np.testing.assert_allclose(found.quantiles[name][[0, 3, 6]], of_sizes, rtol=1e-14, err_msg=name)
-    np.testing.assert_allclose(found.provenance["momenta_along"]["linear"], [0.0, 0.6, 0.8], rtol=1e-14)
+    np.testing.assert_allclose(found.run.momenta_along["linear"], [0.0, 0.6, 0.8], rtol=1e-14)
     falling = found.quantiles["body_box/angular_velocity_y"]
     np.testing.assert_allclose(falling[[0, 6]], np.multiply.outer([-6.0, -1.0], time), rtol=1e-14)
-    across = ensemble_of([member_of(scaled(1.0))], provenance={}, along={
+    across = ensemble_of([member_of(scaled(1.0))], along={
         "linear": np.array([0.0, 1.0, 0.0]), "angular": np.array([1.0, 0.0, 0.0]),
     })  # fmt: skip
     np.testing.assert_allclose(across.quantiles["momentum/box"][0], 3.0 * time, rtol=1e-14)
@@ -284,7 +287,7 @@ def of_values(values: Any, **about: Any) -> Ensemble:
     metric = Metric("largest_tension", "largest tension", "N", 0.0, **about)
     known = [{} if np.isnan(value) else {metric.key: replace(metric, value=value)} for value in values]
     time = np.array([0.0, 1.0])
-    return ensemble_of([Member(time, metrics, {}, {}) for metrics in known], provenance={"move_m": 1e-9})
+    return ensemble_of([Member(time, metrics, {}, {}) for metrics in known], run=EnsembleRecord(move_m=1e-9))
 
 
 @pytest.mark.parametrize(
@@ -322,7 +325,7 @@ def test_the_table_of_an_ensemble(tmp_path: Path) -> None:
     exunet.save_ensemble(found, tmp_path / "ensemble.h5")
     read = exunet.load_ensemble(tmp_path)
     same(replace(found, metrics=dict(sorted(found.metrics.items()))), replace(read, metrics=read.metrics))
-    assert (read.provenance, read.about) == (found.provenance, found.about)
+    assert (read.run, read.about) == (found.run, found.about)
     with h5py.File(tmp_path / "ensemble.h5") as file:
         units = {"metrics/largest_area_m2": "m2", "quantiles/area": "m2", "metrics/relative_area": "1"}
         for name, unit in units.items():
@@ -367,18 +370,18 @@ def test_each_member_ends_at_its_own_time() -> None:
 def test_an_ensemble_counts_how_its_runs_ended() -> None:
     """Quantiles over time are of those that still go on."""
     result = exunet.ensemble(falling(*STOPS), runs=12, perturb=0.02)
-    ways = {item["verdict"]: item for item in result.provenance["endings"]}
+    ways = {item.verdict: item for item in result.run.endings}
     assert set(ways) == {"near", "over"}
-    assert sum(way["runs"] for way in ways.values()) == 12
-    assert ways["over"]["earliest_s"] == ways["over"]["latest_s"] == LATE
-    assert ways["near"]["earliest_s"] < ways["near"]["latest_s"] < LATE
+    assert sum(way.runs for way in ways.values()) == 12
+    assert ways["over"].earliest_s == ways["over"].latest_s == LATE
+    assert ways["near"].earliest_s < ways["near"].latest_s < LATE
     assert result.time[-1] < LATE
     for name, values in result.quantiles.items():
         assert values.shape == (7, len(result.time)), name
         assert np.isfinite(values).all(), name
     for key, values in result.metrics.items():  # `near` comes only in the runs that it ends
         some = key == "script_near_first_s"
-        assert np.isfinite(values).sum() == (ways["near"]["runs"] if some else 12), key
+        assert np.isfinite(values).sum() == (ways["near"].runs if some else 12), key
 
 
 @pytest.mark.ci
@@ -437,7 +440,7 @@ def test_runs_side_by_side_have_the_bits_that_they_have_alone(method: str, table
     begin = stepped(method, **tables)
     places = moved(begin, 3)
     together, apart = (all_of(begin, places, together=way) for way in (True, False))
-    assert len({result.provenance["largest_tension"]["tension_N"] for result in together}) == 3
+    assert len({result.run.largest_tension.tension for result in together}) == 3
     for one, other in zip(together, apart, strict=True):
         alike(one, other)
 
@@ -474,7 +477,7 @@ def test_a_run_that_stops_among_others_is_named_and_may_restart() -> None:
         words.append(str(stop.value))
     assert words[0] == words[1]
     found, alone = (all_of(begin, places, velocity=speeds, together=way, retries=6) for way in (True, False))
-    assert found[2].provenance["right_hand_sides"] > found[0].provenance["right_hand_sides"]
+    assert found[2].run.cost.right_hand_sides > found[0].run.cost.right_hand_sides
     for one, other in zip(found, alone, strict=True):
         alike(one, other)
 
@@ -527,7 +530,7 @@ def scattered(result: exunet.Result, largest_tension_N: list[float]) -> Ensemble
         replace(own, metrics=own.metrics | {key: replace(own.metrics[key], value=value)})
         for value in largest_tension_N
     ]
-    return ensemble_of(members, provenance={"move_m": 1e-9, "seed": 0})
+    return ensemble_of(members, run=EnsembleRecord(move_m=1e-9, seed=0))
 
 
 def test_metrics_have_their_ranges_in_summary_and_table(run: exunet.Result) -> None:
@@ -591,7 +594,7 @@ def test_exunet_ensemble_writes_file_and_figures_and_overwrites_nothing(tmp_path
     of_case = ("--set", "seed=1")
     done = command(*arguments, *of_case, "--out", folder, "--overwrite", "--quiet", folder=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    assert exunet.load_ensemble(folder).provenance["seed"] == 1
+    assert exunet.load_ensemble(folder).run.seed == 1
 
 
 def test_only_the_result_of_a_folder_has_its_perturbed_runs(tmp_path: Path, run: exunet.Result) -> None:

@@ -14,6 +14,7 @@ import pytest
 from scenes import BACKENDS, CASES, PAIR, case_file, continue_alike, every_backend, start_of
 
 import exunet
+from exunet.base.run_events import RunEvent
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.loops import add_no_force
@@ -68,8 +69,6 @@ class Plane(Switch):
     back : from where a step ended beyond the plane, the parabola is followed back to the bounce
     """
 
-    heading = "bounces"
-
     def __init__(self, mass: float, *, back: bool) -> None:
         self._mass, self._back = mass, back
 
@@ -90,7 +89,7 @@ class Plane(Switch):
         v[2] = -E * at - G * after
         x[2] = -E * at * after - 0.5 * G * after**2 if self._back else x[2]
         lost = before - self._mass * (0.5 * v[2] ** 2 + G * x[2])
-        return Change(memory + 1.0, lost, ({"time_s": time - after, "energy_J": lost},), x=x, v=v)
+        return Change(memory + 1.0, lost, (RunEvent(time_s=time - after, energy_lost_J=lost),), x=x, v=v)
 
 
 def bouncing(folder: Path, backend: str, *overrides: str, back: bool = False) -> Start:
@@ -126,14 +125,14 @@ def test_heights_times_and_energy_are_known(backend: str, method: str, tmp_path:
     start = bouncing(tmp_path, backend, f"solver={{method='{method}'{step}}}", back=True)
     result = simulate(start)
     assert np.abs(result.position[:, 0, 2] - height(result.time)).max() < 1e-10  # m
-    bounces = result.provenance["bounces"]
+    bounces = result.run.events
     known = FALL * np.array([1.0, 1.0 + 2.0 * E, 1.0 + 2.0 * E + 2.0 * E**2])
-    np.testing.assert_allclose([bounce["time_s"] for bounce in bounces], known, rtol=1e-10)
+    np.testing.assert_allclose([bounce.time_s for bounce in bounces], known, rtol=1e-10)
     lost = float(start.system.mass[0]) * G * HEIGHT * (1.0 - E**2)
     np.testing.assert_allclose(
-        [item["energy_J"] for item in bounces], lost * E ** (2.0 * np.arange(3)), rtol=1e-9
+        [item.energy_lost_J for item in bounces], lost * E ** (2.0 * np.arange(3)), rtol=1e-9
     )
-    assert result.dissipated[-1] == pytest.approx(sum(entry["energy_J"] for entry in bounces), rel=1e-12)
+    assert result.dissipated[-1] == pytest.approx(sum(entry.energy_lost_J for entry in bounces), rel=1e-12)
     total = result.kinetic + result.elastic + result.potential + result.dissipated
     assert np.abs(total - total[0]).max() < 1e-12
 
@@ -159,7 +158,6 @@ net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 7e6 }}
 class Release(Switch):
     """One node more is awake after each of the times."""
 
-    heading = "releases"
     times = RELEASE
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> np.ndarray:
@@ -167,7 +165,7 @@ class Release(Switch):
 
     def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: np.ndarray, _: Any) -> Change:
         number = int(memory[0]) + 1
-        return Change(memory + 1.0, events=({"time_s": time, "node": 1 + number},), awake=awake(number))
+        return Change(memory + 1.0, events=(RunEvent(time_s=time),), awake=awake(number))
 
 
 def awake(released: int) -> Floats:
@@ -213,7 +211,7 @@ def test_a_chain_is_released_as_by_fixed_nodes(backend: str, method: str, tmp_pa
     allowed = 1e-7 if method == "DOPRI5" else 1e-9  # steps of DOPRI5 are chosen anew after each release
     assert np.abs(result.position - places).max() < allowed
     assert np.abs(result.velocity - speeds).max() < 30.0 * allowed
-    assert [item["node"] for item in result.provenance["releases"]] == [2, 3, 4]
+    assert [item.time_s for item in result.run.events] == pytest.approx(RELEASE, rel=1e-12)
     for node, time in zip((2, 3, 4, 5), (*RELEASE, END), strict=True):
         asleep = result.time <= time
         assert not result.velocity[asleep, node].any()

@@ -85,7 +85,7 @@ def test_a_tighter_accuracy_costs_more_and_little_more() -> None:
                 CASES / "planar_undamped.toml",
                 [f"solver={{accuracy={accuracy}}}", "time.end=1.0", "engine.backend=compiled"],
             )
-        ).provenance["right_hand_sides"]
+        ).run.cost.right_hand_sides
         for accuracy in (1e-1, 1e-2, 1e-3, 1e-4)
     ]
     ratios = np.array(counts[1:]) / counts[:-1]

@@ -61,12 +61,12 @@ def test_observed_order_is_the_declared_one(method, exact):
 @pytest.mark.parametrize("method", FIXED)
 def test_counts_of_fixed_steps(method):
     run = taut({"method": method, "step": 0.002}, end=0.1)
-    assert run.provenance["steps"] == 50
-    assert run.provenance["rejected_steps"] == 0
+    assert run.run.cost.steps == 50
+    assert run.run.cost.rejected_steps == 0
     if METHODS[method].kind == "explicit":
-        assert run.provenance["right_hand_sides"] == 50 * METHODS[method].stages
+        assert run.run.cost.right_hand_sides == 50 * METHODS[method].stages
     else:
-        assert run.provenance["newton_iterations"] >= 50
+        assert run.run.cost.newton_iterations >= 50
 
 
 @pytest.mark.parametrize("method", ["DOPRI5", "ODE23"])
@@ -109,8 +109,8 @@ def test_equal_steps_are_those_of_the_engine(method: str) -> None:
     engine, loop = (
         simulate(planar(*TAUT, solver, form, on=on)) for form in ('engine.backend="exudyn"', COMPILED)
     )
-    assert loop.provenance["steps"] == engine.provenance["steps"] == 400
-    assert loop.provenance["items"] == {}
+    assert loop.run.cost.steps == engine.run.cost.steps == 400
+    assert loop.run.items == {}
     difference = np.abs(loop.velocity - engine.velocity).max(axis=(1, 2)) / np.abs(engine.velocity).max()
     assert difference[1] < 1e-12
     assert difference[-1] < 1e-10
@@ -143,7 +143,7 @@ def test_the_engine_and_the_loop_agree_at_tight_tolerances() -> None:
         for form in ('engine.backend="exudyn"', COMPILED)
     )
     assert np.abs(engine.velocity - loop.velocity).max() < 1e-6
-    assert loop.provenance["right_hand_sides"] < engine.provenance["right_hand_sides"]
+    assert loop.run.cost.right_hand_sides < engine.run.cost.right_hand_sides
 
 
 @pytest.mark.parametrize("method", ["RK67", "ODE23", "GeneralizedAlpha"])
@@ -185,12 +185,12 @@ def test_the_largest_tension_is_that_of_all_steps(accuracy: str, allowed: float)
     settings = ["time.end=0.6", "time.output_step=0.1", f"solver.accuracy={accuracy}"]
     case = str(CASES / "planar_undamped.toml")
     seen = [
-        exunet.run(exunet.load(case, [*settings, f'engine.backend="{loop}"'])).provenance["largest_tension"]
+        exunet.run(exunet.load(case, [*settings, f'engine.backend="{loop}"'])).run.largest_tension
         for loop in ("exudyn", "compiled")
     ]
-    assert seen[1]["element"] == seen[0]["element"]
-    assert seen[1]["time_s"] == pytest.approx(seen[0]["time_s"], abs=1e-4)  # a fifth of the snap
-    assert seen[1]["tension_N"] == pytest.approx(seen[0]["tension_N"], rel=allowed)
+    assert seen[1].element == seen[0].element
+    assert seen[1].time == pytest.approx(seen[0].time, abs=1e-4)  # a fifth of the snap
+    assert seen[1].tension == pytest.approx(seen[0].tension, rel=allowed)
 
 
 @pytest.mark.slow_for("body", "thrust")
@@ -254,7 +254,7 @@ def test_rk44_keeps_the_energy(name: str, backend: str) -> None:
 @pytest.mark.parametrize("name", OWN)
 def test_the_steps_of_the_files_keep_it_too(name: str) -> None:
     found = exunet.run(exunet.load(WITH_BODIES / f"{name}.toml", ["engine.backend=compiled"]))
-    assert found.provenance["method"] == "RK44"
+    assert found.run.plan.method == "RK44"
     assert exunet.energy_balance(found) < 1e-5
 
 

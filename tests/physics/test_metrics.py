@@ -13,12 +13,14 @@ from scenes import values_of
 from scipy.spatial.transform import Rotation
 
 import exunet
-from exunet.forces.corner_units import NAME, SPENT, WORK
+from exunet.base.run_events import ElementBreak, ScriptEvent
+from exunet.forces.corner_units import SPENT, WORK
 from exunet.net import areas
 from exunet.net.arrays import TetherNodes
 from exunet.results import measures
 from exunet.results.measures import shares_of
 from exunet.results.result import BodyStates, Result, TermStates
+from exunet.results.run_record import Carried, Peak, RunRecord, ScriptEntry, UnitSettings
 from exunet.results.summary import summarise
 
 
@@ -122,7 +124,7 @@ def test_four_measures():
 
 
 def test_incomplete_result_and_single_time_have_measures():
-    stopped = replace(scaled(square_net(), [0.5]), complete=False, verdict="stopped")
+    stopped = replace(scaled(square_net(), [0.5]), run=RunRecord(verdict="stopped"))
     found = measures.deployment(stopped)
     assert found is not None
     assert (found.largest_area, found.time_open, found.distance, found.at_end) == (0.25, 0.0, 0.0, True)
@@ -232,10 +234,11 @@ def units(times: int) -> Result:
         SPENT: TermStates("N s", values),
         WORK: TermStates("J", np.array([[0.0], [0.7], [0.9]])[:times]),
     }
-    about = {"kind": "table", "period": 0.1, "bullets": [1, 3], "specific_impulse": 120.0}
     of = square_net()
     position = np.tile(of.reference_position, (times, 1, 1))
-    return result(of, time, position, states=states, provenance={NAME: about})
+    return result(
+        of, time, position, states=states, run=RunRecord(units=UnitSettings("table", (1, 3), 0.1, 120.0))
+    )
 
 
 def test_what_corner_units_have_spent() -> None:
@@ -273,14 +276,13 @@ def carrying() -> Result:
     ship = BodyStates(2.0, None, place, np.zeros((3, 3)), attitude, np.zeros((3, 3)))
     position = np.array([*np.asarray(one.position), one.net.reference_position])
     tension = np.array([[2.0, 0.0, 3.0, 1.0], [4.0, 0.0, 6.0, 1.0], [8.0, 0.0, 9.0, 1.0]])
-    story = {"body": "ship", "nodes": [1, 2], "origin_m": [1.0, 0.0, 0.0], "until_s": 1.5}
     return result(
         one.net,
         [0.0, 1.0, 2.0],
         position,
         tension=tension,
         bodies={"ship": ship},
-        provenance={"carried": story},
+        run=RunRecord(carried=Carried("ship", 1.5, [1.0, 0.0, 0.0], [1, 2])),
     )
 
 
@@ -295,7 +297,7 @@ def test_pulls_on_a_packed_net_that_a_body_holds() -> None:
     np.testing.assert_allclose(found.force, np.outer([1.0, 2.0, 0.0], first + second), rtol=1e-14, atol=1e-15)
     np.testing.assert_allclose(found.torque, np.outer([1.0, 2.0, 0.0], torque), rtol=1e-14, atol=1e-15)
     assert found.until == 1.5
-    assert exunet.loads(replace(whole, provenance={}), "ship").carried is None
+    assert exunet.loads(replace(whole, run=RunRecord()), "ship").carried is None
 
 
 def test_the_largest_pull_on_a_body_where_and_when() -> None:
@@ -336,9 +338,9 @@ def opening(top: float = 4.0, peak: float = 100.0) -> Result:
     position = part[:, None, None] * of.reference_position + np.outer(time, [0.0, 0.0, 3.0])[:, None]
     velocity = np.zeros_like(position)
     velocity[-1, of.bullet_nodes, 0] = [2.0, 4.0, 2.0, 4.0]
-    known = {"largest_tension": {"tension_N": peak, "time_s": 0.7, "element": 3}}
+    known = RunRecord(largest_tensions={"net": Peak(peak, 0.7, 3)})
     whole = result(of, time, position, velocity, dissipated=np.linspace(0.0, 0.5, 5))
-    return replace(whole, tension=0.0 * whole.tension, provenance=known)
+    return replace(whole, tension=0.0 * whole.tension, run=known)
 
 
 def test_metrics_of_a_deployment_by_hand() -> None:
@@ -366,35 +368,34 @@ def test_what_has_no_meaning_is_no_metric() -> None:
     """The time of the largest of what stays the same to round-off, or is largest at the start."""
     of = square_net()
     factors = np.sqrt(1.0 + 1e-14 * np.array([0.0, 1.0, 2.0, 1.0, 3.0]))
-    slack = {"largest_tension": {"tension_N": 0.0, "time_s": 0.0, "element": -1}}
-    still = replace(scaled(of, factors), provenance=slack)
+    slack = RunRecord(largest_tensions={"net": Peak(0.0, 0.0, -1)})
+    still = replace(scaled(of, factors), run=slack)
     found = values_of(replace(still, tension=0.0 * still.tension))
     for key in ("time_of_largest_area_s", "distance_m", "time_of_largest_tension_s", "first_break_s"):
         assert key not in found
     assert found["largest_area_m2"] == pytest.approx(1.0)
     assert "time_of_largest_area_s" not in values_of(scaled(of, [1.0, 0.7, 0.4]))
-    pulled = {"largest_tension": {"tension_N": 4.0, "time_s": 0.7, "element": 3}}
-    even = replace(still, tension=np.full_like(still.tension, 4.0), provenance=pulled)
+    taut = np.full_like(still.tension, 4.0)
+    even = replace(still, tension=taut, run=RunRecord(largest_tensions={"net": Peak(4.0, 0.7, 3)}))
     assert "time_of_largest_tension_s" not in values_of(even)
-    snapped = {"largest_tension": {"tension_N": 9.0, "time_s": 0.7, "element": 3}}  # between stored times
-    assert values_of(replace(even, provenance=snapped))["time_of_largest_tension_s"] == 0.7
+    snapped = RunRecord(largest_tensions={"net": Peak(9.0, 0.7, 3)})  # between stored times
+    assert values_of(replace(even, run=snapped))["time_of_largest_tension_s"] == 0.7
 
 
 def test_breaks_where_elements_can_break() -> None:
-    broken = [{"element": k, "time_s": time} for k, time in ((1, 0.5), (2, 0.3))]
-    found = values_of(replace(opening(), provenance={"broken": broken}))
+    broken = tuple(ElementBreak(element=k, time_s=time) for k, time in ((1, 0.5), (2, 0.3)))
+    found = values_of(replace(opening(), run=RunRecord(events=broken, can_break=True)))
     assert (found["elements_broken"], found["first_break_s"]) == (2.0, 0.3)
-    none = values_of(replace(opening(), provenance={"broken": []}))
+    none = values_of(replace(opening(), run=RunRecord(can_break=True)))
     assert none["elements_broken"] == 0.0
     assert "first_break_s" not in none
 
 
 def test_times_of_script_entries_that_wait_for_the_run() -> None:
     """Not what the case gives. What is never reached has no time, but a number of times."""
-    given = {"cause": "", "action": ""}
-    entries = [{"entry": name, **given, "awaited": name != "given"} for name in ("near", "given", "never")]
-    events = [{"entry": "near", "time_s": time, "done": True} for time in (0.2, 0.4)]
-    events.append({"entry": "given", "time_s": 0.5, "done": True})
-    found = values_of(replace(opening(), provenance={"script_entries": entries, "script": events}))
+    entries = [ScriptEntry(name, "", "", awaited=name != "given") for name in ("near", "given", "never")]
+    done = (("near", 0.2), ("near", 0.4), ("given", 0.5))
+    events = tuple(ScriptEvent(entry=name, time_s=at, cause="", event="", done=True) for name, at in done)
+    found = values_of(replace(opening(), run=RunRecord(script_entries=entries, events=events)))
     times = {key: value for key, value in found.items() if key.startswith("script_")}
     assert times == {"script_near_first_s": 0.2, "script_near_times": 2.0, "script_never_times": 0.0}

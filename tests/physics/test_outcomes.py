@@ -202,7 +202,7 @@ def apart(x: Floats, ends: Ints, point: Floats) -> float:
 def largest_piece(run: Observables, time: float) -> Ints:
     """Elements of the net in its piece with most nodes at a time [s], by flooding it from each node."""
     net = run.result.net
-    gone = {item["element"] for item in run.result.provenance.get("broken") or () if item["time_s"] <= time}
+    gone = {item.element for item in run.result.run.breaks if item.time_s <= time}
     left = [element for element in range(net.n_net_elements) if element not in gone]
     pieces = []
     for element in left:
@@ -220,7 +220,7 @@ def truth_of(run: Observables, radius: float) -> tuple[Truth, float]:
     """What is true of a run, and when the ball was in the net's hull, or touched, last [s]."""
     net, ball = run.result.net, np.asarray(run.result.bodies["ball_1"].position[:])
     thread = float(np.sqrt(net.area[0] / np.pi))
-    torn, piece = bool(run.result.provenance.get("broken")), np.arange(net.n_net_elements)
+    torn, piece = bool(run.result.run.breaks), np.arange(net.n_net_elements)
     touched, inside, angles = [], [], []
     for row, time in enumerate(run.time):
         piece = largest_piece(run, float(time)) if torn else piece

@@ -16,6 +16,7 @@ from exunet.base.errors import RunStopped
 from exunet.integrators.protocol import Largest
 from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
+from exunet.results.run_record import Peak, RunRecord, largest_of
 from exunet.simulation.monitor import ElementPeaks, Envelope, Peaks
 from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.run import simulate
@@ -27,15 +28,15 @@ def test_what_was_largest_until_a_state_to_go_back_to_is_kept() -> None:
     time, tension = np.arange(4.0), np.array([[1.0, 0.0], [5.0, 0.0], [2.0, 0.0], [0.0, 9.0]])
     peaks = Peaks({"net": range(2)})
     peaks.look(time, tension, [0, 2])
-    assert peaks.provenance() == {"time_s": 3.0, "tension_N": 9.0, "element": 1}
+    assert peaks.of_groups()["net"] == Peak(9.0, 3.0, 1)
     peaks.forget_after(2.0)
-    assert peaks.provenance() == {"time_s": 1.0, "tension_N": 5.0, "element": 0}
+    assert peaks.of_groups()["net"] == Peak(5.0, 1.0, 0)
     peaks.forget_after(0.0)
-    assert peaks.provenance() == {"time_s": 0.0, "tension_N": 1.0, "element": 0}
+    assert peaks.of_groups()["net"] == Peak(1.0, 0.0, 0)
     again = Peaks({"net": range(2)})
     again.look(time, tension, [1, 3])  # whose last state is marked
     again.forget_after(1.0)
-    assert again.provenance() == {"time_s": 1.0, "tension_N": 5.0, "element": 0}
+    assert again.of_groups()["net"] == Peak(5.0, 1.0, 0)
 
 
 def test_each_group_has_its_own_and_comes_back_from_a_snapshot() -> None:
@@ -46,15 +47,15 @@ def test_each_group_has_its_own_and_comes_back_from_a_snapshot() -> None:
     peaks.look(np.array([1.0]), np.array([[1.0, 2.0, 2.0]]))
     peaks.take([Largest(2.5, 2.0, 0), Largest(2.5, 2.0, 2)])
     told = peaks.of_groups()
-    assert told["net"] == {"tension_N": 3.0, "time_s": 0.0, "element": 1}
-    assert told["tether a"] == {"tension_N": 2.5, "time_s": 2.0, "element": 2}
-    assert peaks.provenance() == told["net"]
+    assert told["net"] == Peak(3.0, 0.0, 1)
+    assert told["tether a"] == Peak(2.5, 2.0, 2)
+    assert largest_of(told.values()) == told["net"]
     again = Peaks(groups)
     again.restore(peaks.arrays())
     again.forget_after(1.5)
-    assert again.of_groups()["tether a"] == {"tension_N": 2.0, "time_s": 1.0, "element": 2}
+    assert again.of_groups()["tether a"] == Peak(2.0, 1.0, 2)
     peaks.forget_after(0.5)
-    assert peaks.of_groups()["tether a"] == {"tension_N": 1.0, "time_s": 0.0, "element": 2}
+    assert peaks.of_groups()["tether a"] == Peak(1.0, 0.0, 2)
 
 
 def test_the_peak_of_each_element_goes_back_with_the_run() -> None:
@@ -104,7 +105,7 @@ def test_each_element_has_its_peak_of_all_steps(backend: str) -> None:
     found = peak_tensions(coarse)
     np.testing.assert_allclose(found, fine.tension.max(axis=0), rtol=1e-9, atol=1e-9)
     assert coarse.tension.max() < 0.9 * found.max()
-    assert found.max() == coarse.provenance["largest_tension"]["tension_N"]
+    assert found.max() == coarse.run.largest_tension.tension
 
 
 def test_the_snap_of_two_masses_is_seen_between_stored_times():
@@ -112,9 +113,9 @@ def test_the_snap_of_two_masses_is_seen_between_stored_times():
     coarse = ["time.output_times=", "time.output_step=1.0", BACKENDS["exudyn"]]
     case = exunet.load(CASES / "verification" / "snap.toml", coarse)
     result = exunet.run(case)
-    peak = result.provenance["largest_tension"]
+    peak = result.run.largest_tension
     assert result.tension.max() < 0.5 * 294.65036
-    assert peak["tension_N"] == pytest.approx(294.65036, rel=1e-3)
+    assert peak.tension == pytest.approx(294.65036, rel=1e-3)
 
 
 def pulled_apart(backend: str, speed: float, step: float, end: float, packing: float) -> Result:
@@ -135,13 +136,13 @@ def test_a_tension_that_lasts_one_step_is_seen_where_it_is() -> None:
     the loop then looked at the second step's end, and saw 0 N.
     """
     wanted, found = (
-        pulled_apart(backend, speed=0.3, step=0.3, end=0.6, packing=0.95).provenance["largest_tension"]
+        pulled_apart(backend, speed=0.3, step=0.3, end=0.6, packing=0.95).run.largest_tension
         for backend in ("exudyn", "compiled")
     )
-    assert wanted["tension_N"] > 0.8
-    assert found["tension_N"] == pytest.approx(wanted["tension_N"], rel=1e-12)
-    assert found["time_s"] == pytest.approx(0.3, abs=1e-12)
-    assert found["element"] == wanted["element"] == 0
+    assert wanted.tension > 0.8
+    assert found.tension == pytest.approx(wanted.tension, rel=1e-12)
+    assert found.time == pytest.approx(0.3, abs=1e-12)
+    assert found.element == wanted.element == 0
 
 
 @every_backend
@@ -164,14 +165,14 @@ def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(backend: 
     settings = ("time.end=0.8", "time.output_step=0.4", "solver.step=1e-3", "effects.breaking={force=250.0}")
     result = exunet.run(exunet.load(SNAP, [*settings, BACKENDS[backend]]))
     assert result.tension.max() == 0.0
-    peak = result.provenance["largest_tensions"]["tether tow"]
-    assert peak == result.provenance["largest_tension"]
-    assert 250.0 < peak["tension_N"] < 255.0
-    first = result.provenance["broken"][0]
-    assert peak["time_s"] == first["time_s"]
+    peak = result.run.largest_tensions["tether tow"]
+    assert peak == result.run.largest_tension
+    assert 250.0 < peak.tension < 255.0
+    first = result.run.breaks[0]
+    assert peak.time == first.time_s
     found = exunet.metrics(result)
-    assert found["tether_tow_largest_tension_N"].place == f"element {peak['element']}"
-    assert found["tether_tow_time_of_largest_tension_s"].value == peak["time_s"]
+    assert found["tether_tow_largest_tension_N"].place == f"element {peak.element}"
+    assert found["tether_tow_time_of_largest_tension_s"].value == peak.time
     assert exunet.margins(result)["tether tow"].of == "all steps"
     assert "net_largest_tension_N" not in found  # the net has no elements
 
@@ -184,18 +185,17 @@ def test_the_outlet_of_a_locked_reel_is_seen_at_every_step(viscous: bool) -> Non
     settings = ["time.end=1.3", "time.output_step=1.3", "tethers.tow.divisions=1", "engine.backend=compiled"]
     settings += ["effects.material_damping={relaxation_time=1e-3}"] if viscous else []
     wanted, found = (
-        exunet.run(exunet.load(SNAP, [*settings, *reel])).provenance["largest_tensions"]["tether tow"]
+        exunet.run(exunet.load(SNAP, [*settings, *reel])).run.largest_tensions["tether tow"]
         for reel in ((), ("tethers.tow.reel={paid_out=8.0}",))
     )
-    assert wanted["tension_N"] > 200.0
-    assert found["tension_N"] == pytest.approx(wanted["tension_N"], rel=1e-9)
-    assert (found["time_s"], found["element"]) == (wanted["time_s"], wanted["element"])
+    assert wanted.tension > 200.0
+    assert found.tension == pytest.approx(wanted.tension, rel=1e-9)
+    assert (found.time, found.element) == (wanted.time, wanted.element)
 
 
 # Margins to the strength
 
 PLANAR = CASES / "planar_undamped.toml"
-COUNTS = ("step", "steps", "rejected_steps", "build_seconds", "integration_seconds")
 QUICK = ("engine.backend=compiled",)
 
 
@@ -208,10 +208,10 @@ def snapped() -> exunet.Result:
 def test_a_tether(snapped: exunet.Result) -> None:
     """The largest tension of all steps is known of the group that has it."""
     worst = exunet.margins(snapped)["tether tow"]
-    peak = snapped.provenance["largest_tension"]
-    assert (worst.element, worst.time, worst.of) == (peak["element"], peak["time_s"], "all steps")
-    assert worst.margin == pytest.approx(5000.0 / peak["tension_N"] - 1.0, rel=1e-12)
-    assert worst.tension == pytest.approx(peak["tension_N"], rel=1e-12)
+    peak = snapped.run.largest_tension
+    assert (worst.element, worst.time, worst.of) == (peak.element, peak.time, "all steps")
+    assert worst.margin == pytest.approx(5000.0 / peak.tension - 1.0, rel=1e-12)
+    assert worst.tension == pytest.approx(peak.tension, rel=1e-12)
     assert list(exunet.margins(snapped)) == ["tether tow"]  # the cable of the net states no strength
 
 
@@ -239,7 +239,7 @@ def test_the_worst_of_each_group() -> None:
     strength = np.full(net.n_elements, 100.0)
     tension[1, 0], tension[2, 1], strength[1], strength[2] = 50.0, 40.0, 60.0, 0.0
     tension[2, 2] = 1e9  # of which no strength is known
-    given = replace(result, net=replace(net, strength=strength), tension=tension, provenance={})
+    given = replace(result, net=replace(net, strength=strength), tension=tension, run=RunRecord())
     found = exunet.margins(given)["threads"]
     assert (found.element, found.time, found.strength) == (1, result.time[2], 60.0)
     assert found.margin == pytest.approx(0.5)
@@ -254,7 +254,6 @@ def test_none_without_strength_or_tension() -> None:
         result,
         net=replace(result.net, strength=np.ones(result.net.n_elements)),
         tension=0.0 * np.asarray(result.tension),
-        provenance=dict.fromkeys(COUNTS, 1),
     )
     assert exunet.margins(slack) == {}
     assert "margin_of_threads" not in values_of(slack)
@@ -267,12 +266,12 @@ def test_not_of_all_of_the_group_all_steps_are_known() -> None:
     last = net.n_elements - 1
     whole = replace(unfolding(net), net=net)
     whole = replace(whole, tension=np.ones_like(whole.tension))
-    peak = {f"net from element {last}": {"tension_N": 50.0, "time_s": 0.25, "element": last}}
-    found = exunet.margins(replace(whole, provenance={"largest_tensions": peak}))["threads"]
+    peak = {f"net from element {last}": Peak(50.0, 0.25, last)}
+    found = exunet.margins(replace(whole, run=RunRecord(largest_tensions=peak)))["threads"]
     assert (found.element, found.time, found.of) == (last, 0.25, "stored times")
     assert found.margin == pytest.approx(20.0 / 50.0 - 1.0)
-    slack = {name: {"tension_N": 0.0, "time_s": 0.0, "element": -1} for name in net.spans}
-    found = exunet.margins(replace(whole, provenance={"largest_tensions": slack | peak}))["threads"]
+    slack = {name: Peak(0.0, 0.0, -1) for name in net.spans}
+    found = exunet.margins(replace(whole, run=RunRecord(largest_tensions=slack | peak)))["threads"]
     assert (found.element, found.of) == (last, "all steps")
 
 
@@ -294,9 +293,9 @@ def test_margins_are_of_all_steps_where_strings_bear_more(backend: str) -> None:
         stored = np.asarray(result.tension)[:, own].max()
         assert stored < 0.9 * one.tension
         assert not np.isclose(result.time, one.time, atol=1e-6).any()
-    peak = result.provenance["largest_tension"]
+    peak = result.run.largest_tension
     largest = max(item.tension for item in found.values())
-    assert peak["tension_N"] == pytest.approx(largest, rel=1e-15)  # in Exudyn: two formulas of NumPy
+    assert peak.tension == pytest.approx(largest, rel=1e-15)  # in Exudyn: two formulas of NumPy
 
 
 def test_the_limit_of_breaking_where_none_is_stated() -> None:

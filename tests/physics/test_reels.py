@@ -326,7 +326,7 @@ def test_a_scene_at_rest_is_wound_up(paid_out: float) -> None:
     given = [f"{REEL}.paid_out={paid_out}", f"time.end={taut + 0.05}"]
     result = exunet.run(case_of(*REST, *given, commands=command(0.02, "rate", rate=0.2)))
     assert result.tension.max() > 1.0
-    assert result.provenance["energy_scale_J"] >= 0.5 * 8 * LUMP * 0.2**2
+    assert result.run.energy_scale_J >= 0.5 * 8 * LUMP * 0.2**2
 
 
 FIXED = "bodies.left={mass=2.0, inertia=[0.3, 0.4, 0.5], motion='fixed'}"
@@ -358,7 +358,7 @@ def assert_balances(found: exunet.Result) -> None:
 def test_nodes_go_on_and_come_off(backend: str, method: str) -> None:
     damped = "effects.material_damping.relaxation_time=1e-4"
     found = exunet.run(case_of(BACKENDS[backend], method, damped, commands=ON_AND_OFF))
-    words = [event["event"].split(" ", 2)[-1] for event in found.provenance["reels"] if "node" in event]
+    words = [e.event.split(" ", 2)[-1] for e in found.run.events if e.node is not None]
     assert words[:3] == ["goes onto the drum", "goes onto the drum", "comes off the drum"]
     assert_balances(found)
     assert found.states["line/work"].values[-1, 0] != 0.0
@@ -540,18 +540,17 @@ def test_the_outlet_of_a_turning_drum_is_observed_at_every_step(viscous: bool) -
     settings += ["effects.material_damping={relaxation_time=1e-4}"] if viscous else []
     drive = command(0.0, "rate", rate=3.0)
     every, some = (
-        exunet.run(case_of(*settings, f"time.output_step={step}", commands=drive, density=140.0)).provenance
+        exunet.run(case_of(*settings, f"time.output_step={step}", commands=drive, density=140.0)).run
         for step in (2e-4, 0.4)
     )
-    assert len(some["reels"]) > 1
-    assert [event["time_s"] for event in some["reels"]] == pytest.approx(
-        [event["time_s"] for event in every["reels"]], rel=1e-12
-    )
-    known, found = (run["largest_tensions"]["tether line"] for run in (every, some))
-    assert min(every["peak_tensions_N"][2:4]) > 1.0  # outlets, one after the other
-    assert found["tension_N"] == pytest.approx(known["tension_N"], rel=1e-9)
-    assert found["time_s"] == pytest.approx(known["time_s"], rel=1e-12)
-    np.testing.assert_allclose(some["peak_tensions_N"], every["peak_tensions_N"], rtol=1e-9)
+    assert len(some.events) > 1
+    known, found = ([event.time_s for event in run.events] for run in (every, some))
+    assert found == pytest.approx(known, rel=1e-12)
+    known, found = (run.largest_tensions["tether line"] for run in (every, some))
+    assert min(every.peak_tensions_N[2:4]) > 1.0  # outlets, one after the other
+    assert found.tension == pytest.approx(known.tension, rel=1e-9)
+    assert found.time == pytest.approx(known.time, rel=1e-12)
+    np.testing.assert_allclose(some.peak_tensions_N, every.peak_tensions_N, rtol=1e-9)
 
 
 def test_a_node_comes_off_on_the_line_to_the_next() -> None:
@@ -663,8 +662,8 @@ def test_nodes_due_at_the_instant_of_a_command(name: str, backend: str, tmp_path
     wound = [values.values[:, 0] for name, values in ours.states.items() if name.endswith("/wound_up")]
     np.testing.assert_allclose(np.transpose(wound), theirs.reels.wound_up, atol=1e-12)
     if eject_at:
-        (ejection,) = ours.provenance["ejection"]
-        assert ejection["time_s"] == 0.2
+        (ejection,) = ours.run.ejections
+        assert ejection.time_s == 0.2
 
 
 def test_guards_report_the_force_of_a_reels_outlet() -> None:

@@ -283,7 +283,8 @@ def tethered(*overrides: str) -> Start:
 
 def in_steps(step: float, *overrides: str) -> Start:
     """With the plan of a script."""
-    return replace(tethered(*overrides), plan=Plan(Method.RK44, step=step))
+    start = tethered(*overrides)
+    return replace(start, plan=Plan(Method.RK44, backend=start.plan.backend, step=step))
 
 
 def test_a_step_in_which_a_body_turns_far_is_refused() -> None:
@@ -341,7 +342,7 @@ def test_a_retry_mends_it() -> None:
     """Half the step twice; the body's energy is then kept, on which nothing ever acts."""
     run = simulate(in_steps(LONG, "time.end=0.1"))
     assert run.complete
-    assert [item["step"] for item in run.provenance["retries"]] == [LONG / 2, LONG / 4]
+    assert [item.step_s for item in run.run.retries] == [LONG / 2, LONG / 4]
     spin = run.bodies["chaser"].angular_velocity
     energy = spin**2 @ [1e-6, 2e-6, 2.5e-6]
     assert np.abs(energy / energy[0] - 1.0).max() < ENERGY_BOUND
@@ -417,7 +418,7 @@ def test_the_tow_pays_out_and_winds_up() -> None:
     np.testing.assert_allclose(pull[braking], 6.0 - 40.0 * rate[braking], rtol=2e-3)
     np.testing.assert_allclose(pull[winding], 40.0 - 40.0 * rate[winding], rtol=2e-3)  # below 0.4 m/s
     assert rate[winding].max() < 0.4
-    nodes = [event["event"].split(" ", 2)[2] for event in found.provenance["reels"] if "node" in event]
+    nodes = [e.event.split(" ", 2)[2] for e in found.run.events if e.node is not None]
     assert nodes == ["comes off the drum", "goes onto the drum", "goes onto the drum"]
     assert found.tension[found.time > 20.0].max() == 0.0
     apart = np.linalg.norm(found.bodies["chaser"].position - found.bodies["target"].position, axis=1)

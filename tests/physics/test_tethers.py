@@ -233,8 +233,8 @@ def test_the_end_of_a_taut_tether_leaves_a_body(backend: str, motion: str) -> No
     assert np.ptp(balance) < 2e-4 * result.kinetic.max()  # what snapping costs RK44, as without the script
     velocity = result.bodies["right"].velocity
     assert np.ptp(velocity[8:], axis=0).max() < 1e-12
-    (event,) = result.provenance["script"]
-    assert (event["tie"], event["node"]) == ("tethers.tow.end", 2)
+    (event,) = result.run.script
+    assert (event.tie, event.node) == ("tethers.tow.end", 2)
 
 
 @every_backend
@@ -247,7 +247,7 @@ def test_a_snapshot_before_or_after_a_release_goes_on(
     one.advance_to(at)
     continue_alike(one, other, until, tmp_path)
     assert one.state.memory["tethers.tow.end/held"] == [0.0]
-    assert [event["entry"] for event in other.monitor.events] == ["go"]
+    assert [event.entry for event in other.monitor.events] == ["go"]
 
 
 def test_a_drive_that_is_released_turns_freely() -> None:

@@ -83,7 +83,7 @@ def test_run_and_prepare_take_whatever_names_a_case(of: str, tmp_path: Path) -> 
     run = exunet.run(given)
     assert run.time[-1] == 0.001
     assert np.array_equal(exunet.run(prepared).position, run.position)
-    assert run.provenance.get("case") == ("scene.toml" if of == "scene" else "case.toml")
+    assert run.run.case.name == ("scene.toml" if of == "scene" else "case.toml")
 
 
 def arguments(name: str) -> dict[str, Any]:

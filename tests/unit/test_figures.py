@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Container, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 
 import exunet
 from exunet.base.errors import FigureError, InputError, MissingExtra
+from exunet.base.run_events import NetEjected
 from exunet.bodies.shapes import Shape, Solid, packed
 from exunet.cli.animate import animate
 from exunet.cli.main import app
@@ -43,6 +44,7 @@ from exunet.results.metrics import Metric
 from exunet.results.observables import Observables, TimeSeries
 from exunet.results.penetration import contact_places
 from exunet.results.result import BodyStates, Result, TermStates
+from exunet.results.run_record import EnsembleRecord, Peak, RunRecord, UnitSettings
 
 CUBE = Shape((Solid("box", (1.0, 1.0, 1.0)),))
 
@@ -141,7 +143,7 @@ CASES = {
     "one node": (result(net([(0, 0, 0)], [], bullets=(0,)), [0, 1], np.zeros((2, 1, 3))), {"snapshots"}),
     "far away": (replace(THROWN, position=THROWN.position + AWAY), NET | MOVING),
     "blown up": (
-        replace(THROWN, position=BLOWN * THROWN.position, complete=False, verdict="?"),
+        replace(THROWN, position=BLOWN * THROWN.position, run=RunRecord(verdict="?")),
         NET | MOVING,
     ),
 }
@@ -242,7 +244,8 @@ def test_each_source_of_work_has_a_curve(number: int) -> None:
     still, upright = np.zeros((7, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (7, 1))
     works = {f"hand{k}": np.linspace(0.0, k, 7) for k in range(1, number)}
     ejected = 3.5 * (np.arange(7) >= 2)
-    event = {"time_s": float(THROWN.time[2]), "energy_lost_J": -3.5}
+    zeros = {item.name: [0.0] * 3 if "momentum" in item.name else 0.0 for item in fields(NetEjected)}
+    event = NetEjected(**zeros | {"time_s": float(THROWN.time[2]), "energy_lost_J": -3.5, "body": "hand1"})
     of = replace(
         THROWN,
         kinetic=5.0 + sum(works.values()) + ejected,
@@ -250,7 +253,7 @@ def test_each_source_of_work_has_a_curve(number: int) -> None:
         dissipated=-sum(works.values()) - ejected,
         bodies={name: BodyStates(2.0, np.eye(3), still, still, upright, still) for name in works},
         states={f"{name}/work": TermStates("J", work[:, None]) for name, work in works.items()},
-        provenance={**THROWN.provenance, "ejection": [event]},
+        run=replace(THROWN.run, events=(event,)),
     )
     made = figure(of, "energies")
     shown = {name: line for name, line in curves(made).items() if name.startswith("work")}
@@ -273,7 +276,7 @@ def test_speeds_and_areas() -> None:
 def test_tensions_of_elements_are_the_largest_of_all_steps() -> None:
     """Those of all steps where they are known; elements without tension are apart."""
     peaks = np.arange(THROWN.net.n_elements, dtype=float)
-    of = replace(FULL, provenance=FULL.provenance | {"peak_tensions_N": peaks.tolist()})
+    of = replace(FULL, run=replace(FULL.run, peak_tensions_N=peaks.tolist()))
     axes, bar = figure(of, "tensions").axes
     slack, taut = (collection for collection in axes.collections if isinstance(collection, LineCollection))
     assert len(slack.get_segments()) == 1
@@ -284,8 +287,7 @@ def test_tensions_of_elements_are_the_largest_of_all_steps() -> None:
 
 
 def test_history_of_the_largest_tension_and_its_mark() -> None:
-    peak = {"tension_N": 7.0, "time_s": 0.37, "element": 4}
-    of = replace(FULL, provenance=FULL.provenance | {"largest_tension": peak})
+    of = replace(FULL, run=replace(FULL.run, largest_tensions={"net": Peak(7.0, 0.37, 4)}))
     curve, mark = labelled_lines(figure(of, "largest_tension"))[:2]
     np.testing.assert_array_equal(curve.get_ydata(), FULL.tension.max(axis=1))
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (0.37, 7.0)
@@ -476,7 +478,7 @@ def test_figures_of_an_ensemble(name: str) -> None:
 
 # Bands of perturbed runs
 
-CONTACTS = ("contact_box/threads", "contact_box/bullets")
+CONTACTS = ("threads", "bullets")
 LINE = ("tension_start", "tension_end", "way", "wound_up")
 
 
@@ -487,13 +489,14 @@ def shown(contacts: tuple[str, ...] = CONTACTS, bodies: int = 1, units: int = 2)
     spins = np.tile([0.1, 0.2, 0.3], (7, 1))
     turning = {item: replace(body((0, 0, 3), (0, 0, 0)), angular_velocity=spins) for item in names}
     turning["box"] = replace(turning["box"], nodes=np.array([0]), velocity=1e-3 * rising * [1.0, 0.0, 0.0])
-    states = {f"{contact}_{what}": rising for contact in contacts for what in ("touching", "force")}
-    states |= {f"closing/{entry}": rising for entry in LINE}
+    keys = (exunet.ContactKey("box", other, what) for other in contacts for what in ("touching", "force"))
+    states = {f"closing/{entry}": rising for entry in LINE}
     states |= {"control/spent": rising * np.ones(units), "control/work": rising}
     stored = {name: TermStates("1", values) for name, values in states.items()}
-    story = {"control": {"bullets": list(range(units))}}
+    record = RunRecord(units=UnitSettings("table", tuple(range(units)), 1.0))
     taut = np.full((7, 4), 1e-3)
-    return unfolding(square_net(), bodies=turning, states=stored, provenance=story, tension=taut)
+    touches = dict.fromkeys(keys, TermStates("1", rising))
+    return unfolding(square_net(), bodies=turning, states=stored, contacts=touches, run=record, tension=taut)
 
 
 def bands_of(made: Figure) -> list[list[PolyCollection]]:
@@ -586,7 +589,7 @@ def test_many_curves_have_one_band() -> None:
 
 
 def test_momenta_are_along_the_direction_of_the_ensemble() -> None:
-    runs = replace(perturbed([], 1.0), provenance={"momenta_along": {"linear": [0.0, 0.6, 0.8]}})
+    runs = replace(perturbed([], 1.0), run=EnsembleRecord(momenta_along={"linear": [0.0, 0.6, 0.8]}))
     made = figure(shown(), "momentum", ensemble=runs)
     lines = [line.get_ydata() for line in made.axes[0].get_lines()[:2]]
     np.testing.assert_allclose(lines[0], 0.0, atol=1e-15)  # the box moves along x
@@ -627,17 +630,15 @@ def met() -> Result:
     upright, still = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), np.zeros((2, 3))
     box = BodyStates(1.0, np.eye(3), far, still, upright, still, **packed(shape, np.zeros(3)))
     series = {
-        "threads_touching": [0.0, 1.0],
-        "threads_first": [-1.0, 0.7],
-        "bullets_touching": [0.0, 2.0],
-        "bullets_first": [-1.0, 0.8],
+        ("threads", "touching"): [0.0, 1.0],
+        ("threads", "first"): [-1.0, 0.7],
+        ("bullets", "touching"): [0.0, 2.0],
+        ("bullets", "first"): [-1.0, 0.8],
     }
-    states = {
-        f"contact_box/{name}": TermStates("1", np.array(values)[:, None]) for name, values in series.items()
-    }
+    stored = (TermStates("1", np.array(values)[:, None]) for values in series.values())
+    contacts = {exunet.ContactKey("box", *name): values for name, values in zip(series, stored, strict=True)}
     whole = result(of, [0.0, 1.0], np.stack([of.reference_position] * 2))
-    story = whole.provenance | {"edge_radii": {"box": EDGE}}
-    return replace(whole, bodies={"box": box}, states=states, provenance=story)
+    return replace(whole, bodies={"box": box}, contacts=contacts, run=RunRecord(edge_radii={"box": EDGE}))
 
 
 def touching(scene: Result, row: int) -> np.ndarray:
@@ -648,7 +649,7 @@ def test_threads_that_touch_are_found() -> None:
     scene = met()
     assert touching(scene, 0).tolist() == [False, False, False]
     assert touching(scene, 1).tolist() == [True, False, False]
-    sharp = replace(scene, provenance={})
+    sharp = replace(scene, run=RunRecord())
     assert touching(sharp, 1).tolist() == [True, True, False]
     held = replace(scene.bodies["box"], nodes=np.array([0]))
     assert not touching(replace(scene, bodies={"box": held}), 1).any()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
 from dataclasses import replace
@@ -18,7 +17,7 @@ from exunet.base.errors import CaseError, RunStopped
 from exunet.bodies.rigid import RigidStates
 from exunet.forces.law import STRETCH_BOUND
 from exunet.integrators.protocol import Batch, IntegrationFailed
-from exunet.methods.method import Backend, Method, Plan
+from exunet.methods.method import Method, Plan
 from exunet.model import energy
 from exunet.model.limits import SAFETY, largest_damping_rate, largest_frequency, stable_step
 from exunet.model.states import States
@@ -58,7 +57,7 @@ def thrown_until_it_stops(*arguments, **tables) -> RunStopped:
 
 def monitor_of(start: Start, **how: int) -> Monitor:
     monitor = Monitor(start.system, start.state, **how)
-    monitor.explain(Plan(Method.RK44, step=1e-3), Backend.COMPILED)
+    monitor.explain(Plan(Method.RK44, step=1e-3))
     return monitor
 
 
@@ -126,7 +125,7 @@ def test_a_stretch_beyond_the_law_is_not_retried():
     assert DIVERGED.match(str(stop.value))
     part = stop.value.result
     assert part is not None
-    assert part.provenance["retries"] == []
+    assert part.run.retries == ()
     assert np.sqrt(1.0 + 2.0 * part.strain.max()) < STRETCH_BOUND
 
 
@@ -396,7 +395,7 @@ def test_a_method_that_swallows_energy_is_stopped():
     assert not part.complete
     assert part.verdict == str(stop)
     assert energy_balance(part) <= ENERGY_BOUND
-    json.dumps(part.provenance, allow_nan=False)
+    part.run.to_json()
 
 
 @pytest.mark.parametrize(
@@ -510,7 +509,7 @@ def test_a_failure_of_newtons_method_is_retried_with_half_the_step(monkeypatch):
     monkeypatch.setattr(stepper.Stepper, "advance", give_up)
     stop = thrown_until_it_stops({"method": "GeneralizedAlpha", "step": 1e-3, "retry": 1})
     assert "Newton did not converge" in str(stop)
-    assert [retry["step"] for retry in stop.result.provenance["retries"]] == [5e-4]
+    assert [retry.step_s for retry in stop.result.run.retries] == [5e-4]
 
 
 def forced(plan: Plan) -> bool:
@@ -609,10 +608,10 @@ def goes_on_as_a_run_from_there(run: exunet.Result, start: Start) -> None:
 
     It stops a retry from another state, at another time, or with the steps that were too long.
     """
-    last = run.provenance["retries"][-1]
-    kept = int(np.searchsorted(run.time, last["from_time"] + 1e-9)) - 1
+    last = run.run.retries[-1]
+    kept = int(np.searchsorted(run.time, last.from_time_s + 1e-9)) - 1
     plan = start.plan
-    for _ in run.provenance["retries"]:
+    for _ in run.run.retries:
         finer_plan = finer(plan)
         assert finer_plan is not None
         plan = finer_plan
@@ -634,16 +633,16 @@ def test_a_retry_mends_what_coarse_steps_spoil(backend):
     scene = thrown(COARSE, end=1.5, engine=engine(backend), effects=DAMPED)
     run = exunet.run(scene)
     assert run.complete
-    retries = run.provenance["retries"]
+    retries = run.run.retries
     assert 1 <= len(retries) <= 2
-    assert [r["step"] for r in retries] == [2.3e-4 / 2, 2.3e-4 / 4][: len(retries)]
+    assert [r.step_s for r in retries] == [2.3e-4 / 2, 2.3e-4 / 4][: len(retries)]
     goes_on_as_a_run_from_there(run, prepare(scene))
     assert np.all(np.diff(run.dissipated) >= 0.0)  # the ledger goes on from the state gone back to
     assert run.time.tolist() == pytest.approx(np.arange(301) * 0.005)
 
     first = stopped({**COARSE, "retry": 0}, end=1.5, engine=engine(backend), effects=DAMPED).result
     assert first is not None
-    back = retries[0]["from_time"]
+    back = retries[0].from_time_s
     assert 0 < back < first.time[-1]
     kept = int(np.searchsorted(run.time, back, side="right"))
     assert np.array_equal(run.position[:kept], first.position[:kept])  # what was good stays, bit for bit
@@ -657,13 +656,13 @@ def test_a_retry_mends_what_coarse_steps_spoil(backend):
 @every_backend
 def test_the_same_case_retries_to_the_same_bits(backend):
     run, again = (exunet.run(thrown(COARSE, end=0.7, engine=engine(backend))) for _ in range(2))
-    retries = run.provenance["retries"]
+    retries = run.run.retries
     assert retries
     assert np.array_equal(run.position, again.position)
     assert np.array_equal(run.velocity, again.velocity)
     summary = summarise(run)
-    assert [item["from_time_s"] for item in summary["retries"]] == [item["from_time"] for item in retries]
-    assert summary["method"]["step_s"] == retries[-1]["step"]
+    assert [item["from_time_s"] for item in summary["retries"]] == [item.from_time_s for item in retries]
+    assert summary["method"]["step_s"] == retries[-1].step_s
 
 
 def test_retries_are_bounded_and_can_be_turned_off():
@@ -671,17 +670,17 @@ def test_retries_are_bounded_and_can_be_turned_off():
     off, default = (stopped({**hopeless, **keys}) for keys in ({"retry": 0}, {}))
     assert off.result is not None
     assert default.result is not None
-    assert off.result.provenance["retries"] == []
-    assert [r["step"] for r in default.result.provenance["retries"]] == [2e-3, 1e-3]
+    assert off.result.run.retries == ()
+    assert [r.step_s for r in default.result.run.retries] == [2e-3, 1e-3]
 
 
 def test_a_loose_tolerance_is_tightened():
     run = exunet.run(thrown({"method": "DOPRI5", "tolerance": 0.1}, end=0.7))
     assert run.complete
-    retries = run.provenance["retries"]
-    assert [r["tolerance"] for r in retries] == pytest.approx([0.01, 0.001])
-    assert 0.0 < retries[0]["from_time"] < retries[1]["from_time"]
-    assert run.provenance["tolerance"] == retries[-1]["tolerance"]
+    retries = run.run.retries
+    assert [r.tolerance for r in retries] == pytest.approx([0.01, 0.001])
+    assert 0.0 < retries[0].from_time_s < retries[1].from_time_s
+    assert run.run.plan.tolerance == retries[-1].tolerance
 
 
 def test_restarts_change_nothing_but_round_off():
@@ -711,10 +710,10 @@ def test_restarts_change_nothing_but_round_off():
         patch.setattr(Monitor, "take", once)
         again = exunet.run(scene)
     assert len(plans) == len(calls) == 1
-    assert 0.2 <= again.provenance["retries"][0]["from_time"] < 0.5  # the last stored state that was seen
+    assert 0.2 <= again.run.retries[0].from_time_s < 0.5  # the last stored state that was seen
     assert np.abs(again.position - whole.position).max() < 1e-14
     assert np.abs(again.dissipated - whole.dissipated).max() < 1e-14
-    assert again.provenance["steps"] > whole.provenance["steps"]  # those of both attempts are counted
+    assert again.run.cost.steps > whole.run.cost.steps  # those of both attempts are counted
 
 
 @pytest.mark.ci_for("exudyn")
@@ -727,14 +726,14 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(backend):
     """
     scene = thrown(COARSE, end=0.25, engine=engine(backend), effects={"breaking": {"strain": 0.001}})
     whole = exunet.run(scene)
-    assert whole.provenance["retries"] == []
-    broken = whole.provenance["broken"]
+    assert whole.run.retries == ()
+    broken = whole.run.breaks
     assert len(broken) == 8
     take, calls = Monitor.take, []
 
     def once(self: Monitor, batch: Batch) -> None:
         if self.events and not calls:
-            calls.append([event["element"] for event in self.events])
+            calls.append([event.element for event in self.events])
             raise RunStopped("by hand", step_cause=True)
         take(self, batch)
 
@@ -742,13 +741,13 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(backend):
         patch.setattr(rollback, "finer", lambda plan: plan)
         patch.setattr(Monitor, "take", once)
         again = exunet.run(scene)
-    assert calls == [[element["element"] for element in broken]]
-    assert again.provenance["retries"][0]["from_time"] < broken[0]["time_s"]
-    breaks = again.provenance["broken"]
-    assert [item["element"] for item in breaks] == calls[0]
-    times = [item["time_s"] for item in broken]
-    assert [item["time_s"] for item in breaks] == pytest.approx(times, abs=1e-12)
-    assert again.dissipated[-1] == pytest.approx(sum(item["energy_J"] for item in broken), rel=1e-9)
+    assert calls == [[element.element for element in broken]]
+    assert again.run.retries[0].from_time_s < broken[0].time_s
+    breaks = again.run.breaks
+    assert [item.element for item in breaks] == calls[0]
+    times = [item.time_s for item in broken]
+    assert [item.time_s for item in breaks] == pytest.approx(times, abs=1e-12)
+    assert again.dissipated[-1] == pytest.approx(sum(item.energy_J for item in broken), rel=1e-9)
     for name in ("position", "velocity", "tension", "dissipated"):
         ours, theirs = (np.asarray(getattr(run, name)) for run in (again, whole))
         assert np.abs(ours - theirs).max() <= 1e-9 * np.abs(theirs).max()  # round-off of t, in snaps

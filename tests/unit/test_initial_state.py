@@ -16,6 +16,7 @@ from scripts import SCENE
 
 import exunet
 from exunet.base.errors import CaseError
+from exunet.base.run_events import ReelEvent
 from exunet.forces.cable_term import INTACT
 from exunet.model.initial import beyond_shortest, initial_state
 from exunet.net import AnyNetConfig, weave
@@ -157,7 +158,7 @@ def test_a_run_from_the_middle_of_another_one_goes_on(tmp_path: Path) -> None:
     first = stored(tmp_path, case_in(tmp_path, REELED, "time.end=1.5", "time.output_step=0.25"))
     case = restarted(tmp_path, REELED, "first@0.5", ["initial.node_velocities="])
     second = exunet.run(case)
-    assert [entry["event"] for entry in second.provenance["reels"]][-1].endswith("goes onto the drum")
+    assert [entry.event for entry in second.run.events_of(ReelEvent)][-1].endswith("goes onto the drum")
     row = int(np.argmin(np.abs(first.time - 1.5)))
     assert np.abs(second.position[-1] - first.position[row]).max() < 1e-9
     assert np.abs(second.velocity[-1] - first.velocity[row]).max() < 1e-8
@@ -170,9 +171,9 @@ def test_a_run_from_the_middle_of_another_one_goes_on(tmp_path: Path) -> None:
     early = ["initial.node_velocities=", "tethers.tow.reel.shortest=3.0"]  # 2.75 m are outside
     assert refused(restarted(tmp_path, REELED, "first@0.5", early)) == {"tethers.tow.reel.shortest"}
     content = (tmp_path / "first" / RESULT_FILE).read_bytes()
-    restart = second.provenance["restart"]
-    assert restart["sha256"] == hashlib.sha256(content).hexdigest()
-    assert restart["time_s"] == 0.5
+    restart = second.run.restart
+    assert restart.sha256 == hashlib.sha256(content).hexdigest()
+    assert restart.time_s == 0.5
 
 
 def test_the_last_state_is_the_default(tmp_path: Path) -> None:
@@ -205,15 +206,15 @@ def test_an_element_that_was_cut_carries_nothing(tmp_path: Path) -> None:
     path = MISSIONS / "cut_tether.toml"
     form = ["engine.backend=compiled", "time.end=0.2", "time.output_step=0.05"]
     first = stored(tmp_path, exunet.load(path, form))
-    (cut,) = (item for item in first.provenance["script"] if item["entry"] == "cut")
+    (cut,) = (item for item in first.run.script if item.entry == "cut")
     drop = ["initial.packing=", "initial.velocity=", "script=[]", *form]
     case = exunet.load(path, [*drop, f"initial.restart={str(tmp_path / 'first')!r}"])
     (tmp_path / "next").mkdir()
     second = run_into(tmp_path / "next", case)
-    assert second.provenance["restart"]["broken"] == [cut["element"]]
-    assert second.tension[:, cut["element"]].max() == 0.0
+    assert second.run.restart.broken == [cut.element]
+    assert second.tension[:, cut.element].max() == 0.0
     third = Simulation(exunet.load(path, [*drop, f"initial.restart={str(tmp_path / 'next')!r}"]))
-    assert np.flatnonzero(third.state.memory[INTACT] == 0.0).tolist() == [cut["element"]]
+    assert np.flatnonzero(third.state.memory[INTACT] == 0.0).tolist() == [cut.element]
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from result_samples import net, result, square_net, unfolding
 from exunet.base.errors import InputError
 from exunet.results.io import FILE_FORMAT, load_result, save
 from exunet.results.result import BodyStates, TermStates
+from exunet.results.run_record import CaseText, RunRecord
 from exunet.results.summary import summarise
 
 
@@ -60,7 +61,7 @@ SAMPLES = {
     "square": unfolding(square_net(cells=5, strings=True), times=90),  # large enough to be compressed
     "no openings, no bullets": result(net([(0, 0, 0), (1, 0, 0)], [(0, 1)]), [0], [[(0, 0, 0), (1, 0, 0)]]),
     "no elements": result(net([(0, 0, 0)], [], bullets=(0,)), [0, 1], [[(0, 0, 0)], [(0, 0, 1e-300)]]),
-    "incomplete": unfolding(square_net(), complete=False, verdict="element 3 (nodes 1–2) ran away: λ = 9"),
+    "incomplete": unfolding(square_net(), run=RunRecord(verdict="element 3 (nodes 1–2) ran away: λ = 9")),
     "energies between": unfolding(square_net(), largest_elastic=np.arange(7.0), least_kinetic=np.zeros(7)),
     "bodies": unfolding(square_net(), bodies=BODIES),
     "awkward numbers": unfolding(square_net(), potential=np.array([-0.0, 5e-324, 1.7e308, 1, 1, 1, 1])),
@@ -80,18 +81,17 @@ def test_sign_of_zero_survives(tmp_path):
     assert np.signbit(load_result(tmp_path / "run.h5").potential[0])
 
 
-def test_long_provenance(tmp_path):
+def test_long_record(tmp_path):
     """Attributes of a fixed size are limited to 64 KiB by HDF5; case texts with many nodes are longer."""
-    whole = replace(unfolding(square_net()), provenance={"case": "x" * 300_000, "é": [1, 2.5, None, True]})
+    whole = replace(unfolding(square_net()), run=RunRecord(title="é", case=CaseText(text="x" * 300_000)))
     save(whole, tmp_path / "run.h5")
-    assert load_result(tmp_path / "run.h5").provenance == whole.provenance
+    assert load_result(tmp_path / "run.h5").run == whole.run
 
 
 def test_same_result_gives_same_bytes(tmp_path):
     whole = SAMPLES["square"]
     save(whole, tmp_path / "a.h5")
-    other_order = dict(reversed(whole.provenance.items()))
-    save(replace(whole, provenance=other_order), tmp_path / "b.h5")
+    save(whole, tmp_path / "b.h5")
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
     save(load_result(tmp_path / "a.h5"), tmp_path / "c.h5")
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "c.h5").read_bytes()
@@ -148,8 +148,7 @@ def test_nan_and_infinity_are_never_written(name, bad, tmp_path):
         ({"kinetic": np.zeros(6)}, "energy/kinetic has shape"),
         ({"bodies": {"a/b": BODIES["chaser"]}}, "name of a body"),
         ({"bodies": {"a": replace(BODIES["chaser"], velocity=np.zeros((7, 2)))}}, "bodies/a/velocity has"),
-        ({"provenance": {"x": object()}}, "provenance"),
-        ({"provenance": {"x": float("nan")}}, "provenance"),
+        ({"run": RunRecord(energy_scale_J=float("nan"))}, "record"),
         ({"net": replace(square_net(), mouth=(0, 1, 4))}, "node that the net does not have"),
         ({"net": replace(square_net(), mass=np.full(4, np.nan))}, "mass of the net contains NaN"),
     ],

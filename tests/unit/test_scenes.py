@@ -197,9 +197,9 @@ def test_a_result_of_a_scene_has_its_text_with_which_it_is_compared_and_resumed(
     faster = made.replace({"launch.speed": 2.0})
     for name, one in (("one", made), ("other", faster)):
         ex.save(ex.run(one), tmp_path / f"{name}.h5")
-    stored = ex.load_result(tmp_path / "one.h5").provenance
-    assert ex.Scene.of(stored["text"]) == made
+    stored = ex.load_result(tmp_path / "one.h5").run.case
+    assert ex.Scene.of(stored.text) == made
     assert Request.of_json(Request(case_of(made, "run")).as_json()).case.scene == made
-    assert ex.ensemble(made, 1).provenance["text"] == stored["text"]
+    assert ex.ensemble(made, 1).run.case.text == stored.text
     result = run_into(tmp_path, made)
     same_bits(result, ex.run(ex.Simulation(made).start))

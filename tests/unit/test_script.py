@@ -57,12 +57,12 @@ def test_a_crossing_is_located_whatever_the_steps(method: tuple[str, ...], step:
     result = exunet.run(case_of(script, *method, f"time.output_step={step}", scene=FALL))
     exact = when_range_is(1.3)
     assert only(result) == pytest.approx(exact, abs=3.0 * LOCATED_TO)
-    (event,) = result.provenance["script"]
-    assert event["crossed_s"] == pytest.approx(exact, abs=2.0 * LOCATED_TO)
-    assert event["value"] == pytest.approx(1.3, abs=1e-5)
+    (event,) = result.run.script
+    assert event.crossed_s == pytest.approx(exact, abs=2.0 * LOCATED_TO)
+    assert event.value == pytest.approx(1.3, abs=1e-5)
     assert result.complete
     assert result.time[-1] == only(result)
-    assert np.linalg.norm(result.position[-1, 0]) == pytest.approx(event["value"], abs=1e-9)
+    assert np.linalg.norm(result.position[-1, 0]) == pytest.approx(event.value, abs=1e-9)
 
 
 @pytest.mark.slow
@@ -77,8 +77,8 @@ def test_a_script_ejects_a_net_as_a_case_does() -> None:
     carried = [exunet.loads(item, "chaser").carried for item in (ours, theirs)]
     assert carried[0].until == carried[1].until == 0.05
     later = entry("throw", when="time > 0.0612", do="eject")
-    (ejected,) = exunet.run(case_of(later, *form, scene=scene)).provenance["ejection"]
-    assert ejected["time_s"] == pytest.approx(0.0612, abs=3.0 * LOCATED_TO)
+    (ejected,) = exunet.run(case_of(later, *form, scene=scene)).run.ejections
+    assert ejected.time_s == pytest.approx(0.0612, abs=3.0 * LOCATED_TO)
 
 
 @pytest.mark.slow
@@ -137,8 +137,8 @@ def test_a_condition_that_must_last(backend: str, method: tuple[str, ...]) -> No
     assert names == ["far", "short", "then", "far"]
     expected = [0.05, t1 + 0.5 * within, t1 + 0.5 * within + 0.02, t2 + 0.05]
     np.testing.assert_allclose([t for _, t in happened(result)], expected, atol=3.0 * LOCATED_TO)
-    (event,) = [item for item in result.provenance["script"] if item["entry"] == "short"]
-    assert event["crossed_s"] == pytest.approx(t1, abs=3.0 * LOCATED_TO)
+    (event,) = [item for item in result.run.script if item.entry == "short"]
+    assert event.crossed_s == pytest.approx(t1, abs=3.0 * LOCATED_TO)
 
 
 @every_backend
@@ -228,7 +228,7 @@ def test_a_restart_in_mid_script_goes_on_to_the_last_bit() -> None:
     assert one.stopped
     assert one.time == other.time == pytest.approx(when_range_is(0.8), abs=3.0 * LOCATED_TO)
     assert one.monitor.events == other.monitor.events
-    assert [event["entry"] for event in one.monitor.events] == ["near", "then", "end"]
+    assert [event.entry for event in one.monitor.events] == ["near", "then", "end"]
     for name, values in one.snapshot().arrays.items():
         assert np.array_equal(values, other.snapshot().arrays[name]), name
     with pytest.raises(InputError, match=r"the script of the case has ended the run at t = 0\.681"):
@@ -246,7 +246,7 @@ def test_an_entry_that_another_one_forbids() -> None:
     )
     result = exunet.run(case_of(script, scene=FALL))
     assert [name for name, _ in happened(result)] == ["caught", "nothing"]
-    assert sorted(item["entry"] for item in result.provenance["script"] if not item["done"]) == [
+    assert sorted(item.entry for item in result.run.script if not item.done) == [
         "far",
         "missed",
     ]
@@ -306,12 +306,12 @@ def test_one_contact_has_one_time(backend: str) -> None:
     )
     scene = FALL.replace("[[0.5, 0.0, 0.0]]", "[[0.05, 0.0, 0.0]]") + TOUCH
     result = exunet.run(case_of(script, BACKENDS[backend], "time.end=0.77", scene=scene))
-    exact, (near, many, first) = when_they_touch(), result.provenance["script"]
-    assert [element["entry"] for element in (near, many, first)] == ["near", "many", "first"]
-    assert near["crossed_s"] == pytest.approx(exact, abs=2e-4)
-    assert near["crossed_s"] < exact
-    assert many["time_s"] == first["time_s"] == many["crossed_s"] == first["crossed_s"]
-    assert first["time_s"] == pytest.approx(exact, abs=3.0 * LOCATED_TO)
+    exact, (near, many, first) = when_they_touch(), result.run.script
+    assert [element.entry for element in (near, many, first)] == ["near", "many", "first"]
+    assert near.crossed_s == pytest.approx(exact, abs=2e-4)
+    assert near.crossed_s < exact
+    assert many.time_s == first.time_s == many.crossed_s == first.crossed_s
+    assert first.time_s == pytest.approx(exact, abs=3.0 * LOCATED_TO)
 
 
 @pytest.mark.slow
@@ -367,7 +367,7 @@ def test_a_killed_run_goes_on_from_the_checkpoint_of_its_script(tmp_path: Path) 
     assert FileStore(tmp_path / STORE_FILE).checkpoint is not None
     resumed, whole = runs.resume(tmp_path), exunet.run(case)
     assert np.array_equal(resumed.position[:], whole.position)
-    assert resumed.provenance["script"] == whole.provenance["script"]
+    assert resumed.run.script == whole.run.script
     assert [name for name, _ in happened(whole)] == ["save", "near", "then", "end"]
 
 
@@ -423,9 +423,9 @@ def test_a_tether_becomes_softer_while_it_is_stretched(backend: str) -> None:
     np.testing.assert_allclose(result.position[15:, 0, 2], after.y[0], atol=1e-7)
     balance = result.kinetic + result.elastic + result.potential + result.dissipated
     assert np.ptp(balance) < 1e-8
-    (event,) = result.provenance["script"]
+    (event,) = result.run.script
     stored = 0.5 * EA * (0.5 * (first.y[0, -1] ** 2 - 1.0)) ** 2
-    assert event["energy_lost_J"] == pytest.approx(0.6 * stored, rel=1e-6)
+    assert event.energy_lost_J == pytest.approx(0.6 * stored, rel=1e-6)
     expected = [tension(-z, 0.4 * EA) for z in result.position[16:, 0, 2]]
     np.testing.assert_allclose(result.tension[16:, 0], expected, rtol=1e-9)
 
@@ -466,9 +466,9 @@ def test_friction_of_a_closing_line_changes(backend: str) -> None:
     for until, friction in ((0.395, 0.3), (0.595, 0.1), (0.895, 0.2)):
         late = (result.time > until - 0.1) & (result.time < until)
         np.testing.assert_allclose(start[late] / end[late], math.exp(0.5 * math.pi * friction), rtol=1e-8)
-    _, slip, hold = result.provenance["script"]
-    assert slip["energy_taken_J"] > 1e-4
-    assert hold["energy_taken_J"] == pytest.approx(0.0, abs=1e-12)
+    _, slip, hold = result.run.script
+    assert slip.energy_taken_J > 1e-4
+    assert hold.energy_taken_J == pytest.approx(0.0, abs=1e-12)
     balance = result.kinetic + result.potential + result.dissipated
     work = result.states["closing/work"].values[-1, 0]
     assert np.ptp(balance) < 1e-6 * work

@@ -389,8 +389,8 @@ def test_what_was_ejected_is_observed_where_it_flies(name: str) -> None:
     bound = float(VALUES[name](Sources.of(plain.start.system, "box"), look)[0])
     ours = watching(f"{name} < {bound!r}")
     ours.advance_to(0.2)
-    (event,) = (item for item in ours._monitor.provenance()["script"] if item["entry"] == "never")
-    assert event["time_s"] == pytest.approx(0.12, abs=1e-6)
+    (event,) = (item for item in ours._monitor.events if item.entry == "never")
+    assert event.time_s == pytest.approx(0.12, abs=1e-6)
 
 
 @pytest.mark.slow
@@ -402,4 +402,4 @@ def test_steps_that_are_taken_again_know_what_touches() -> None:
     case = load(TOW, ["engine.backend=compiled", "time.end=0.4", f"script=[{EJECT}, {again}]"])
     simulation = Simulation(case)
     simulation.advance_to(0.4)
-    assert len(simulation._monitor.provenance()["script"]) > 2
+    assert len(simulation._monitor.events) > 2

@@ -56,8 +56,8 @@ def test_read_outs_are_what_a_run_stores(backend: str) -> None:
         ours = (energy.kinetic, energy.elastic, energy.potential)
         assert ours == pytest.approx((run.kinetic[k], run.elastic[k], run.potential[k]), abs=1e-14 * total)
     assert np.array_equal(sim.net.bullets, run.net.bullet_nodes)
-    assert sim.largest_tension == run.provenance["largest_tension"]
-    assert sim.counts.steps == run.provenance["steps"]
+    assert sim.largest_tension == run.run.largest_tension
+    assert sim.counts.steps == run.run.cost.steps
 
 
 @pytest.mark.slow_for("compiled")
@@ -332,14 +332,14 @@ def test_retries_happen_within_advance(backend: str) -> None:
     """As in a run that stores the same times: the same plans, the same states to the last bit."""
     scene = thrown(COARSE, end=0.3, engine=engine(backend))
     run, sim = exunet.run(scene), Simulation(scene)
-    assert run.provenance["retries"]
+    assert run.run.retries
     through(sim, run.time[1:])
     assert sim.time == run.time[-1]
-    assert sim.plan.step == run.provenance["step"]
+    assert sim.plan.step == run.run.plan.step
     assert np.array_equal(sim.net.position, run.position[-1])
     assert np.array_equal(sim.net.velocity, run.velocity[-1])
-    assert sim.counts.steps <= run.provenance["steps"]  # whose guards look later, and repeat more steps
-    assert sim.largest_tension == run.provenance["largest_tension"]
+    assert sim.counts.steps <= run.run.cost.steps  # whose guards look later, and repeat more steps
+    assert sim.largest_tension == run.run.largest_tension
     other = Simulation(scene)
     other.restore(sim.snapshot())
     assert other.plan == sim.plan

@@ -91,7 +91,7 @@ def test_the_same_again_as_often_as_one_likes(backend: str, method: str) -> None
         sim.advance(0.02)
         sim.advance(0.09)
         assert seen(sim) == after
-    assert after[3]["time_s"] > 0.15
+    assert after[3].time > 0.15
 
 
 @every_backend
@@ -191,8 +191,8 @@ def by_method(backend: str) -> Iterator[tuple[str, Job]]:
 
 def at_odd_moments(backend: str) -> Iterator[tuple[str, Job]]:
     """Around a break, around retries, between two looks of the guards, under a force from outside."""
-    (broken,) = exunet.run(load(CASES / f"{BREAKING}.toml", [BACKENDS[backend]])).provenance["broken"]
-    time = float(broken["time_s"])
+    (broken,) = exunet.run(load(CASES / f"{BREAKING}.toml", [BACKENDS[backend]])).run.breaks
+    time = float(broken.time_s)
     around = to(0.9 * time, np.nextafter(time, 0.0), time, np.nextafter(time, 1.0), 2.0 * time)
     for cut, words in enumerate(("well before", "just before", "at", "just after"), 1):
         yield f"{words} a break", job(BREAKING, backend, (), around, cut)
@@ -310,12 +310,12 @@ def others() -> dict[str, Simulation]:
     start = prepare(pair_of_masses())
     return {
         "another case": Simulation(pair_of_masses(effects=DAMPED)),
-        "another engine": Simulation(pair_of_masses(engine=engine("compiled"))),
+        "another backend": Simulation(pair_of_masses(engine=engine("compiled"))),
         "another start": Simulation(start.moved(start.position, start.velocity + 1e-9)),
     }
 
 
-@pytest.mark.parametrize("which", ["another case", "another engine", "another start"])
+@pytest.mark.parametrize("which", ["another case", "another backend", "another start"])
 def test_the_snapshot_of_something_else_is_refused(which: str) -> None:
     here, sim = Simulation(pair_of_masses()).snapshot(), others()[which]
     before = seen(sim)

@@ -26,13 +26,14 @@ from exunet.results.result import (
     body_quantities,
     declare,
 )
+from exunet.results.run_record import RunRecord
 from exunet.results.store import STORE_FILE, FileStore, MemoryStore
 
 NET = square_net(cells=2, strings=True)
 RIGID = BodyConstants(2000.0, np.diag([1.0, 2.0, 3.0]))
 BODIES = {"chaser": BodyConstants(500.0), "target": RIGID}
 COLUMNS = declare(NET.n_nodes, NET.n_elements, BODIES)
-PROVENANCE = {"method": "by hand", "tolerance": 1e-9}
+RECORD = RunRecord(title="by hand", end=1e-9)
 TIMES = 40
 
 
@@ -51,7 +52,7 @@ def sample(times=TIMES, seed=0):
     body = random(size=(2, times, 13))
     return unfolding(
         NET, times, largest_elastic=random(size=times), least_kinetic=random(size=times),
-        potential=random(size=times), provenance=PROVENANCE,
+        potential=random(size=times), run=RECORD,
         bodies={
             "chaser": BodyStates(500.0, None, body[0, :, :3], body[0, :, 3:6]),
             "target": BodyStates(
@@ -71,7 +72,7 @@ def cut(start, stop, rows=ROWS):
 
 def new(folder):
     folder.mkdir(exist_ok=True)
-    return FileStore.create(folder / STORE_FILE, COLUMNS, head_of(NET, BODIES, PROVENANCE), {"case": "x"})
+    return FileStore.create(folder / STORE_FILE, COLUMNS, head_of(NET, BODIES, RECORD), {"case": "x"})
 
 
 def reopened(store):
@@ -100,7 +101,7 @@ def assert_rows(store, count, rows=ROWS):
 
 
 def write(source, path):
-    write_rows(source, path, NET, BODIES, PROVENANCE, "ok", True)
+    write_rows(source, path, NET, BODIES, RECORD)
 
 
 def test_stores_return_what_they_were_given(tmp_path):
@@ -242,7 +243,7 @@ def test_an_unfinished_run_is_an_incomplete_result(tmp_path):
     assert_equal(found, next(SAMPLE.parts(14)))
     assert not found.complete
     assert found.verdict.startswith("unfinished: 14 states until t = ")
-    assert found.provenance == PROVENANCE
+    assert found.run.end == RECORD.end
     np.testing.assert_array_equal(found.bodies["target"].inertia, RIGID.inertia)
     np.testing.assert_array_equal(found.net.element_nodes, NET.element_nodes)
     assert (found.net.faces, found.net.mouth) == (NET.faces, NET.mouth)

@@ -28,8 +28,10 @@ from exunet.net.arrays import TetherNodes
 from exunet.plots.view import STEPS, page, save_view, write_page
 from exunet.results.observables import Observables
 from exunet.results.outcome import Outcome, outcome
+from exunet.results.run_record import Peak
 from exunet.results.summary import timeline
 from exunet.results.table import Report
+from exunet.scene.capture import Capture
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
 VIEWER = Path(exunet.__file__).parent / "plots" / "viewer"
@@ -166,8 +168,8 @@ def test_page_opens_at_the_capture_or_the_largest_tension(browser: Page, tmp_pat
     assert seen.evaluate(f"(viewer.set({near}), {number})") == seen.evaluate(
         f"(viewer.set({of.time[5]}), {number})"
     )
-    rule = {"target": "box", "relative_speed": 1e9, "duration": 0.1}
-    captured = replace(of, provenance=of.provenance | {"capture_rule": rule})
+    rule = Capture(target="box", relative_speed=1e9, duration=0.1)
+    captured = replace(of, run=replace(of.run, capture=rule))
     judged = outcome(Observables(captured))
     assert judged is not None
     assert judged.outcome is Outcome.CAPTURED
@@ -322,8 +324,8 @@ def test_forces_of_contact_are_arrows_to_the_scale_of_the_legend(browser: Page, 
 def test_marks_of_peaks_have_value_element_and_nearest_state(browser: Page, tmp_path: Path) -> None:
     """Between two stored states, as a run reports it."""
     of = scene()
-    peak = {"largest_tension": {"element": 14, "tension_N": 2.5, "time_s": 0.6}}
-    seen = shown(browser, tmp_path, replace(of, provenance=of.provenance | peak))
+    run = replace(of.run, largest_tensions={"net": Peak(2.5, 0.6, 14)})
+    seen = shown(browser, tmp_path, replace(of, run=run))
     mark = "[...document.querySelectorAll('#marks button')].find(b => /tension of the net/.test(b.title))"
     seen.evaluate(f"{mark}.click()")
     assert seen.evaluate("viewer.now") == 0.6
@@ -338,8 +340,7 @@ def test_marks_of_peaks_have_value_element_and_nearest_state(browser: Page, tmp_
 @NEEDS_CHROMIUM
 def test_measures_of_a_capture_are_plots(browser: Page, tmp_path: Path) -> None:
     of = scene()
-    rule = {"target": "box", "enclosed": 0.9, "duration": 0.1}
-    of = replace(of, provenance=of.provenance | {"capture_rule": rule})
+    of = replace(of, run=replace(of.run, capture=Capture(target="box", enclosed=0.9, duration=0.1)))
     seen = shown(browser, tmp_path, of)
     series = "viewer.runs[0].series.find(item => item.name === '{}')"
     known = Observables(of).capture
@@ -357,9 +358,7 @@ def test_measures_of_a_capture_are_plots(browser: Page, tmp_path: Path) -> None:
 def test_up_strength_and_fit(browser: Page, tmp_path: Path) -> None:
     of = scene()
     strong = replace(of.net, strength=np.where(np.arange(of.net.n_elements) < 8, 4.0, 0.0))
-    seen = shown(
-        browser, tmp_path, replace(of, net=strong, provenance=of.provenance | {"up": [0.0, 0.0, 1.0]})
-    )
+    seen = shown(browser, tmp_path, replace(of, net=strong, run=replace(of.run, up=[0.0, 0.0, 1.0])))
     assert seen.evaluate("viewer.camera.up.toArray()") == [0.0, 0.0, 1.0]
     assert seen.evaluate("document.getElementById('end').value") == "strength"
     assert "strength" in seen.evaluate("document.querySelector('.key').firstChild.textContent")
@@ -445,7 +444,7 @@ ODD = {
     "a single state": unfolding(square_net(strings=True), times=1),
     "all slack, at rest": result(SINGLE, [0.0, 1.0], [SINGLE.reference_position] * 2),
     "nodes in one point": result(SINGLE, [0.0, 1.0], np.zeros((2, 4, 3))),
-    "incomplete": replace(scene(), complete=False, verdict="energy"),
+    "incomplete": replace(scene(), run=replace(scene().run, verdict="energy")),
     "tethers alone": replace(
         unfolding(square_net()), net=replace(square_net(), tethers=(TetherNodes("tow", 3, (2, 3)),))
     ),

@@ -69,9 +69,9 @@ def test_case_flies_until_its_strings_snap(path):
     else:
         assert speeds[0, -1] < 2.5 * np.exp(-alpha * 0.5) - 1e-4
 
-    peak = run.provenance["largest_tension"]
-    assert run.net.is_string[peak["element"]]
-    assert snap < peak["time_s"] < (0.6 if damping else snap + 5e-4)  # the snap lasts half a millisecond
+    peak = run.run.largest_tension
+    assert run.net.is_string[peak.element]
+    assert snap < peak.time < (0.6 if damping else snap + 5e-4)  # the snap lasts half a millisecond
     assert np.abs(run.velocity[-1, knots]).max() > 1.0  # 6 g a knot take much of a snap of 0.5 kg at 2.5 m/s
     assert energy_balance(run) < 1e-5
     assert np.abs(run.momentum).max() < 1e-9  # four bullets that mirror each other
@@ -167,7 +167,7 @@ def run(net: dict[str, object], **tables: object) -> exunet.Result:
     }
     scene = Scene.model_validate(document)
     result = exunet.run(scene)
-    assert result.provenance["items"] == expected_items(prepare(scene).system)
+    assert result.run.items == expected_items(prepare(scene).system)
     return result
 
 
@@ -627,11 +627,11 @@ def judge_capture(seed: int, folder: Path) -> Ended:
         return ended
     touched = any(
         states.values[-1, 0] >= 0.0
-        for name, states in result.states.items()
-        if name.startswith(f"contact_{TARGET}/") and name.endswith("_first")
+        for key, states in result.contacts.items()
+        if (key.body, key.quantity) == (TARGET, "first")
     )
     ended = ended._replace(touched=touched, rubbed=touched and "friction" in tables["effects.contact"])
-    summed = tables["engine"]["backend"] == "exudyn" and result.provenance["method"] == "VelocityVerlet"
+    summed = tables["engine"]["backend"] == "exudyn" and result.run.plan.method == "VelocityVerlet"
     if ended.fault or (summed and "motion" in tables[f"bodies.{TARGET}"]):
         return ended  # the impulse of a fixed body is known to first order in the step there
     off = momentum_books(result)["linear"]
@@ -686,7 +686,7 @@ def _faults(result: Result, start: Start, folder: Path) -> str:
 
 
 def _momentum_faults(result: Result, start: Start) -> str:
-    on = set(result.provenance["effects"])
+    on = set(result.run.effects)
     rayleigh = start.scene.effects.model_dump(exclude_none=True).get("rayleigh_damping")
     along = rayleigh is not None and rayleigh["alpha"] == 0.0
     if len(result.net.fixed_nodes) or not on <= INTERNAL | ({"rayleigh_damping"} if along else set()):

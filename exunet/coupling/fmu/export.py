@@ -291,8 +291,8 @@ def _files_of(case: Case) -> tuple[dict[str, bytes], list[str]]:
         moved.append(f"{key}={json.dumps(new)}")
     if (named := case.scene.initial.restart) is not None:
         source = load_restart(named)
-        files["start.h5"] = Path(source.provenance.result).read_bytes()
-        moved.append(f'initial.restart="start.h5@{source.provenance.time_s!r}"')
+        files["start.h5"] = Path(source.origin.result).read_bytes()
+        moved.append(f'initial.restart="start.h5@{source.origin.time_s!r}"')
     return files, moved
 
 

@@ -386,7 +386,7 @@ def _of_net(net: NetSystem) -> Iterator[tuple[list[Variable], Read]]:
         area = output("mouth_area", "area of the net's mouth", "m2")
         yield [area], lambda instant: iter(mouth_area(own, instant.states.position[:, : own.n_nodes]))
     tension = output("largest_tension", "largest tension of all steps so far", "N")
-    yield [tension], lambda instant: iter([instant.net.simulation.largest_tension["tension_N"]])
+    yield [tension], lambda instant: iter([instant.net.simulation.largest_tension.tension])
     yield (
         [
             output("energy.kinetic", "kinetic energy of net and free bodies", "J"),

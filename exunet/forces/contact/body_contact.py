@@ -57,7 +57,7 @@ from exunet.forces.contact.signed_distance import (
     place_in_body,
     turn_into,
 )
-from exunet.forces.contact.status import OF_BODY, memory_of, trouble_of_bodies, untouched
+from exunet.forces.contact.status import memory_of, trouble_of_bodies, untouched
 from exunet.forces.contact.thread_contact import Friction, gauss_rules
 from exunet.forces.cores import BOX, CAPSULE, SPHERE, Cores, Surface
 from exunet.forces.terms import KernelTerm
@@ -623,7 +623,7 @@ def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact, rubbing
         stiffness_rate=rate,
         damping_rate=damping_rate(data.law.damping, rate, speed, data.law.exponent),
         friction_rate=friction_rate(rubbing, rate, speed),
-        memory=memory_of(f"{OF_BODY}{presses}", touched, data.kept, wrong),
+        memory=memory_of(presses, touched, data.kept, wrong, of_bodies=True),
         remember=remember_body_contact,
         internal=True,
     )

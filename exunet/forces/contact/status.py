@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,28 @@ class Status(NamedTuple):
 
 
 OF_BODY = "body_"  # before the name of a body, in place of what else touches one
+THREADS, NODES, BULLETS = TOUCHING = ("threads", "nodes", "bullets")  # of the net, which may touch a body
+
+
+@dataclass(frozen=True)
+class ContactKey:
+    """Key of a series of a contact; its text is the name in tables and files.
+
+    body      : touched body
+    other     : one of `TOUCHING`, or the name of another body
+    quantity  : such as "force"
+    of_bodies : True if the other is a body
+    """
+
+    body: str
+    other: str
+    quantity: str
+    of_bodies: bool = False
+
+    def __str__(self) -> str:
+        return f"contact_{self.body}/{OF_BODY * self.of_bodies}{self.other}_{self.quantity}"
+
+
 STATUS = len(Status._fields)
 _SERIES = {  # fields of the status: name of the series, units
     "touching": ("touching", "1"),
@@ -71,12 +94,17 @@ def untouched(pairs: Floats) -> Floats:
     return np.concatenate([pairs.ravel(), status])
 
 
-def memory_of(what: str, body: str, kept: Floats, wrong: Callable[[Floats], str]) -> Memory:
-    """The memory of the contact of threads, of bullets, or of another body (`OF_BODY`), with a body."""
-    begin = f"contact_{body}/{what}_"
-    vectors = (Series(begin + name, unit, _place(field), 3) for field, (name, unit) in _VECTORS.items())
-    series = (*series_of(begin), *vectors)
-    return Memory(f"contact/{what}/{body}", kept, kept_in="kept", wrong=wrong, series=series)
+def memory_of(
+    other: str, body: str, kept: Floats, wrong: Callable[[Floats], str], *, of_bodies: bool = False
+) -> Memory:
+    """The memory of the contact of threads, of bullets, or of another body with a body."""
+    series = tuple(
+        Series(ContactKey(body, other, name, of_bodies), unit, _place(field), size)
+        for size, quantities in ((1, _SERIES), (3, _VECTORS))
+        for field, (name, unit) in quantities.items()
+    )
+    name = f"contact/{OF_BODY * of_bodies}{other}/{body}"
+    return Memory(name, kept, kept_in="kept", wrong=wrong, series=series)
 
 
 def series_of(begin: str) -> tuple[Series, ...]:

@@ -146,12 +146,11 @@ def warm_up(subject: Subject, setting: Setting) -> None:
 
 
 def _measured(subject: Subject, result: Result) -> Run:
-    story = result.provenance
-    newton = story.get("newton_iterations", 0)
-    work = StepCounts(story["steps"], story["rejected_steps"], newton, story["right_hand_sides"])
+    cost = result.run.cost
+    work = StepCounts(cost.steps, cost.rejected_steps, cost.newton_iterations, cost.right_hand_sides)
     energy = energy_balance(result)
     if not subject.times:
-        return Run(story["integration_seconds"], work, energy, sample=sample_of(result))
+        return Run(cost.integration_seconds, work, energy, sample=sample_of(result))
     masses = [body for body in result.bodies.values() if body.attitude is None]
     rigid = [body for body in result.bodies.values() if body.attitude is not None]
 
@@ -164,7 +163,7 @@ def _measured(subject: Subject, result: Result) -> Run:
     of_rigid = position, velocity, rotation_matrix(stacked(rigid, "attitude", 4)), spin
     unit = subject.unit or subject.end
     compared = tracked(subject.start.system, result.velocity[:], of_masses, of_rigid, unit)
-    return Run(story["integration_seconds"], work, energy, compared)
+    return Run(cost.integration_seconds, work, energy, compared)
 
 
 def _by_reference(subject: Subject, setting: Setting, progress: Callable[..., None] | None) -> Run:
