@@ -46,7 +46,7 @@ PARTS = (
 
 CHILD = """
 import functools, importlib, json, os, sys, time
-begun = time.process_time(), time.perf_counter()
+started = time.process_time(), time.perf_counter()
 parts, out, arguments = json.loads(sys.argv[1]), sys.argv[2], sys.argv[3:]
 spent = {label: [0.0, 0.0] for label, _, _ in parts}
 
@@ -78,7 +78,7 @@ try:
     exunet.cli.main.main()
 except SystemExit:
     pass
-spent["whole"] = [time.process_time(), time.perf_counter() - begun[1]]
+spent["whole"] = [time.process_time(), time.perf_counter() - started[1]]
 with open(out, "w") as file:
     json.dump(spent, file)
 """

@@ -109,7 +109,7 @@ def escaped(text: str) -> str:
     return re.sub(r"([!-/:-@\[-`{-~])", r"\\\1", " ".join(text.split()))
 
 
-def telling_time(run: Observables) -> int:
+def time_shown(run: Observables) -> int:
     """Return the stored time of the last contact, else of the largest area, else of the largest tension."""
     forces = [values for name, values in run.states(CONTACT).items() if name.endswith("_force")]
     if forces and (touching := np.any(np.column_stack(forces) > 0.0, axis=1)).any():
@@ -118,8 +118,8 @@ def telling_time(run: Observables) -> int:
 
 
 def draw_picture(run: Observables, path: Path) -> None:
-    """Draw the scene at its most telling time."""
-    k, figure = telling_time(run), Figure(figsize=(4.0, 3.0), dpi=160)
+    """Draw the scene at the time that shows it best."""
+    k, figure = time_shown(run), Figure(figsize=(4.0, 3.0), dpi=160)
     axes, scene = figure.add_axes((0.02, 0.02, 0.96, 0.96)), scene_3d(run.result, [k])
     prepare(axes, scene)
     draw(axes, scene, k, width=1.6 * line_width(run.result.net))

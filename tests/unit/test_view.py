@@ -59,7 +59,7 @@ def origin(of: Any) -> np.ndarray:
 
 
 def faultless(browser: Page) -> bool:
-    """True if nothing went wrong in the page, and it asked for nothing but itself."""
+    """True if nothing went wrong in the page, and it requested nothing but itself."""
     strange = [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))]
     assert browser.problems == []
     assert strange == []
