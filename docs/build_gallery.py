@@ -29,7 +29,7 @@ from exunet.base.cases import CASES
 from exunet.plots.nets import line_width
 from exunet.plots.scene_3d import draw, prepare, scene_3d
 from exunet.plots.view import write_page
-from exunet.results.observables import CONTACT, Observables
+from exunet.results.observables import Observables
 from exunet.results.summary import summary_of
 from exunet.results.table import GAP, report
 from exunet.scene.casefile import implausible
@@ -111,7 +111,7 @@ def escaped(text: str) -> str:
 
 def time_shown(run: Observables) -> int:
     """Return the stored time of the last contact, else of the largest area, else of the largest tension."""
-    forces = [values for name, values in run.states(CONTACT).items() if name.endswith("_force")]
+    forces = [run.contact(key) for key in run.result.contacts if key.quantity == "force"]
     if forces and (touching := np.any(np.column_stack(forces) > 0.0, axis=1)).any():
         return int(np.flatnonzero(touching)[-1])
     return int((run.area if run.achievable_area else run.tension).argmax())
