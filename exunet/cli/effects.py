@@ -1,4 +1,4 @@
-"""`exunet effects`: every known effect with its size, cost and advice; with --ablate also what it changes."""
+"""`exunet effects`: every known effect with its size and advice; with --ablate also what it changes."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def show_effects(case: Case, *, asked: float | None, measure: bool, every: bool)
         print_rich(of_the_net_alone(others))
     if words := of_closing(case.scene):
         print_rich(words)
-    header = ["effect", "", "of size", *["m/s2"] * every, "advice", "cost", *["how estimated"] * every]
-    print_columns(header, list(_estimates(found, limit, every=every)), narrow=header.index("cost") + 1)
+    header = ["effect", "", "of size", *["m/s2"] * every, "advice", *["how estimated"] * every]
+    print_columns(header, list(_estimates(found, limit, every=every)), narrow=header.index("advice") + 1)
     small = [item.name for item in found if not (every or item.on or item.relative >= SHOWN)]
     if small:
         print_rich(f"{len(small)} below {SHOWN:.1%}: {', '.join(small)} (--all shows them and all sources)")
@@ -58,7 +58,7 @@ def of_the_net_alone(others: str) -> str:
     """The note above the estimates of a scene that has more than a net; others: what more."""
     on_no_body = ", ".join(name for name, effect in EFFECTS.items() if effect.ON_THE_NET_ALONE)
     return (
-        f"Sizes, cost and advice are of the net alone, without {others} (--ablate measures the whole scene). "
+        f"Sizes and advice are of the net alone, without {others} (--ablate measures the whole scene). "
         f"Not modelled on bodies: {on_no_body}."
     )
 
@@ -87,7 +87,7 @@ def of_closing(scene: Scene) -> str:
 
 
 def _estimates(found: list[Finding], limit: float, *, every: bool) -> Iterator[tuple[str, ...]]:
-    """Yield columns of each effect: on, displacement, advice, cost; every: acceleration and source too."""
+    """Yield columns of each effect: on, displacement, advice; every: acceleration and source too."""
     for item in found:
         if not every and not (item.on or item.relative >= SHOWN):
             continue
@@ -96,7 +96,7 @@ def _estimates(found: list[Finding], limit: float, *, every: bool) -> Iterator[t
         source = "" if item.estimate is None else assumed + item.estimate.source
         speed = "" if item.estimate is None else f"{item.estimate.acceleration:.1e}"
         begin = (item.name, "on" if item.on else "off", moves, *[speed] * every)
-        yield (*begin, item.advice(limit).value, item.cost_words, *[source] * every)
+        yield (*begin, item.advice(limit).value, *[source] * every)
 
 
 def _ablation(case: Case) -> None:
@@ -143,9 +143,7 @@ def lines_of(one: Toggled) -> list[str]:
         counts = ", ".join(f"{number} {name}" for name, number in one.outcomes.items())
         other = "without it" if one.found.on else "with it"
         changes.append(f"the target, of {sum(one.outcomes.values())} runs: {counts}; {other}: {one.became}")
-    cost = f"wall time x {one.wall:.2f}"
-    cost += f", its forces estimated x {1.0 + one.found.cost:.2f}" if estimated else ""
-    return [f"{name} {size}", *(f"  {words}" for words in (*changes, cost))]
+    return [f"{name} {size}", *(f"  {words}" for words in (*changes, f"wall time x {one.wall:.2f}"))]
 
 
 def _change(change: MeasureChange) -> str:

@@ -1,4 +1,4 @@
-"""Which effects matter in a scene: the estimate of each known effect, its cost, and advice.
+"""Which effects matter in a scene: the estimate of each known effect, and advice.
 
 Estimates are those of the effects' `magnitude`; effects that are off are estimated with the stated
 assumptions of their `nominal`. With `effects.choose = "auto"` the same estimates switch effects on. For
@@ -22,17 +22,12 @@ from exunet.bodies.rigid import RigidBody, make_body
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Shape
 from exunet.forces.blocks import Blocks
-from exunet.forces.cable_term import ElementLaw
 from exunet.forces.effect import Effect
 from exunet.forces.effects import EFFECTS, beyond_floats, terms_of
 from exunet.forces.effects.contact import Contact
 from exunet.forces.effects.launch_force import LaunchForce
 from exunet.forces.effects.orbit import Orbit
 from exunet.forces.estimate import Approach, Estimate, EstimateBasis, Meeting
-from exunet.forces.linear_term import LinearTerm
-from exunet.forces.terms import leaves
-from exunet.forces.total import Contribution
-from exunet.methods.method import Backend
 from exunet.model.build import system_of
 from exunet.model.initial import initial_state
 from exunet.model.system import State, System
@@ -145,13 +140,6 @@ def _distance(shape: Shape, points: Floats) -> Floats:
 
 ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where the case states none
 
-# Nanoseconds of one right-hand side, measured on the paper's net on a noisy machine: to be read as ratios.
-_FIXED = {Backend.EXUDYN: 1_000.0, Backend.COMPILED: 0.0}  # of the bare net
-_ELEMENT = {Backend.EXUDYN: 250.0, Backend.COMPILED: 7.0}
-_OBJECT = {Backend.EXUDYN: 80.0, Backend.COMPILED: 0.0}  # a node, if there are constant terms
-_CALL = {Backend.EXUDYN: 3_500.0, Backend.COMPILED: 0.0}  # if there are kernel terms
-_ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
-
 
 class Advice(StrEnum):
     """Advice on an effect of a scene."""
@@ -174,7 +162,6 @@ class Finding:
     assumption : assumption where the case does not have a table; "" if it has
     estimate   : None without keys
     relative   : estimated displacement over the size of the net
-    cost       : estimated change of the time of one right-hand side, as a part of the bare net's
     """
 
     name: str
@@ -183,7 +170,6 @@ class Finding:
     assumption: str
     estimate: Estimate | None
     relative: float
-    cost: float
 
     def advice(self, accuracy: float) -> Advice:
         """Advise on the effect at an accuracy, as a fraction of the size of the net."""
@@ -198,13 +184,6 @@ class Finding:
         if self.relative < accuracy:
             return Advice.NOT_NEEDED
         return Advice.KEEP if self.on else Advice.CONSIDER
-
-    @property
-    def cost_words(self) -> str:
-        """Cost in words; contact costs only while something touches."""
-        if not isinstance(self.keys, Effect) or self.estimate is None:
-            return ""
-        return "in contact" if self.keys.COLLIDES else f"{self.cost:+.0%}"
 
 
 def setting_of(scene: Scene, without: str = "", duration: float | None = None) -> EstimateBasis:
@@ -266,7 +245,7 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
     if keys is None:
         assumed = EFFECTS[name].nominal(basis)
         if assumed is None:
-            return Finding(name, False, None, "", None, 0.0, 0.0)
+            return Finding(name, False, None, "", None, 0.0)
         keys, assumption = assumed
     contact, masses, states = scene.effects.get(Contact), keys.point_masses(), keys.first_order_states()
     blocks = Blocks.of(basis.net, basis.position, masses, tuple(scene.bodies), states)
@@ -274,36 +253,14 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
         system, state = system_of(scene, [])
         basis = replace(basis, approaches=approaches(contact, basis, system, state))
         blocks = system.blocks if keys is contact else blocks
-    terms = terms_of(name, keys, blocks)
-    backend = Backend.EXUDYN if scene.engine.backend == Backend.EXUDYN else Backend.COMPILED
-    cost = cost_of(terms, basis.blocks, backend)
+    terms_of(name, keys, blocks)  # refuses numbers that overflow
     estimate = keys.magnitude(basis)
     if not np.isfinite([estimate.acceleration, estimate.displacement]).all():
         raise beyond_floats(name)
     relative = estimate.displacement / basis.size
     threshold = scene.effects.threshold
     on = has_table and (threshold is None or relative >= threshold)
-    return Finding(name, on, keys, assumption, estimate, relative, cost)
-
-
-def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, backend: Backend) -> float:
-    """Estimate the time that terms add to a right-hand side, as a fraction of that of the bare net."""
-    added, linear, kernels = 0.0, False, False
-    for term in terms:
-        if isinstance(term, LinearTerm):
-            matrices = [matrix for matrix in (term.on_velocity, term.stiffness) if matrix is not None]
-            added += _ENTRY * sum(matrix.nnz for matrix in matrices)
-            added += _ENTRY * 3 * blocks.n_points if term.load is not None else 0.0
-            linear = True
-        elif isinstance(term, ElementLaw):
-            added += _VISCOUS * blocks.net.n_elements if term.relaxation_time is not None else 0.0
-        else:
-            longest = max((len(p) for p in leaves(term.data) if isinstance(p, np.ndarray)), default=0)
-            added += _NODE_OF_KERNEL * longest
-            kernels = True
-    added += _OBJECT[backend] * blocks.n_points if linear else 0.0
-    added += _CALL[backend] if kernels else 0.0
-    return added / (_FIXED[backend] + _ELEMENT[backend] * max(blocks.net.n_elements, 1))
+    return Finding(name, on, keys, assumption, estimate, relative)
 
 
 def chosen(scene: Scene, faults: list[Fault]) -> tuple[Scene, tuple[str, ...]]:

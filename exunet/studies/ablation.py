@@ -135,7 +135,7 @@ def ablate(
 
 def of_closing(scene: Scene) -> list[Finding]:
     """Finding of the closing of the mouth, without an estimate; empty without closing."""
-    return [] if scene.closing is None else [Finding(CLOSING, True, scene.closing, "", None, 0.0, 0.0)]
+    return [] if scene.closing is None else [Finding(CLOSING, True, scene.closing, "", None, 0.0)]
 
 
 def _toggle(
