@@ -45,8 +45,8 @@ class Effect(Record):
         """Return what it adds to the equations of motion; nothing where a coefficient is zero."""
 
     @abstractmethod
-    def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """Estimate the order of magnitude of what leaving it out would change."""
+    def magnitude(self, basis: EstimateBasis) -> Estimate | None:
+        """Estimate the order of magnitude of what leaving it out would change; None without an estimate."""
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[Effect, str] | None:

@@ -34,42 +34,6 @@ class Estimate:
     source: str
 
 
-@dataclass(frozen=True)
-class Meeting:
-    """Two bodies that touch each other, as they start.
-
-    bodies   : their names
-    mass     : reduced mass [kg]; infinite if neither moves freely
-    speed    : at which their centres close in on each other [m/s]; below 0: they part
-    distance : of the balls about their centres that have all of them [m], at least 0
-    """
-
-    bodies: tuple[str, str]
-    mass: float
-    speed: float
-    distance: float
-
-
-@dataclass(frozen=True)
-class Approach:
-    """What of the net comes first to a body that it touches, in the nominal motion.
-
-    body     : its name
-    what     : "threads", "nodes" or "bullets"
-    time     : when it touches [s]; infinite: not in the scene's duration
-    speed    : against the body's point there, or where they are nearest [m/s]
-    distance : the least one [m]; 0 where they touch
-    mass     : of the body [kg]; infinite if its motion is given
-    """
-
-    body: str
-    what: str
-    time: float
-    speed: float
-    distance: float
-    mass: float
-
-
 @dataclass(frozen=True, eq=False)
 class EstimateBasis:
     """What an estimate may know of a scene.
@@ -78,8 +42,6 @@ class EstimateBasis:
     duration : of the scene [s]
     position, velocity : (n_nodes, 3) initial state [m], [m/s]
     orbit    : of the case; None: it has none
-    meetings : of the pairs of bodies that touch each other
-    approaches : of the bodies that the net touches
     """
 
     net: Net
@@ -87,8 +49,6 @@ class EstimateBasis:
     position: Floats
     velocity: Floats
     orbit: CircularOrbitConfig | None = None
-    meetings: tuple[Meeting, ...] = ()
-    approaches: tuple[Approach, ...] = ()
 
     @cached_property
     def blocks(self) -> Blocks:

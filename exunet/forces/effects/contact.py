@@ -18,7 +18,6 @@ from exunet.base.errors import Fault
 from exunet.base.record import FromArray, NonNegative, Positive, Record
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.body_contact import BodyLaw, body_contact
-from exunet.forces.contact.estimate import estimate_notes
 from exunet.forces.contact.law import ImpactDampingConfig, hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.sphere_contact import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.thread_contact import Friction, thread_contact
@@ -268,45 +267,18 @@ class Contact(Effect, ImpactDampingConfig):
         inside, surface = body == blocks.carrier, blocks.surfaces[body]
         return sphere_contact(blocks, what, body, surface, radius, law, self.rubbing, inside=inside)
 
-    def magnitude(self, basis: EstimateBasis) -> Estimate:
-        """Estimate a full stop of the net by a body; without it, that of bodies by each other.
-
-        Where the net flies past in the nominal motion, the stop may come later: threads swing out.
-        """
+    def magnitude(self, basis: EstimateBasis) -> Estimate | None:
+        """Estimate a full stop of the net by a body at the start; None for bodies that touch each other."""
         if not (self.threads or self.nodes or self.bullets):
-            return self._of_meetings(basis)
-        first = min(basis.approaches, key=lambda approach: (approach.time, approach.distance), default=None)
-        touches = first is not None and math.isfinite(first.time)
-        speed = first.speed if first is not None and touches else basis.speed
-        lasts = basis.duration - (first.time if first is not None and touches else 0.0)
-        length = float(basis.net.reference_length.sum())
-        mass = float(basis.net.mass.sum())
+            return None
+        mass, speed = float(basis.net.mass.sum()), basis.speed
         if self.threads:
-            stiffness, exponent = self.of_threads * length, 1.0
+            stiffness, exponent = self.of_threads * float(basis.net.reference_length.sum()), 1.0
         else:
             law = self.of_nodes if self.nodes else self.of_bullets
             stiffness, exponent = law.stiffness, law.exponent
         acceleration = _largest_force(stiffness, exponent, mass, speed) / mass
-        words = "; ".join([f"stopped from {speed:.3g} m/s", *estimate_notes(self, basis)])
-        return Estimate(acceleration, basis.held(speed * lasts), words)
-
-    def _of_meetings(self, basis: EstimateBasis) -> Estimate:
-        """Estimate the hardest meeting of bodies that may come: a ball or a corner stops the reduced mass.
-
-        By Hertz's law its stiffness is that of a radius of 1 m.
-        """
-        law = self.of_bodies
-        found = Estimate(0.0, 0.0, "no two bodies that touch each other come near in time")
-        for meeting in basis.meetings:
-            if not meeting.speed * basis.duration > meeting.distance or not math.isfinite(meeting.mass):
-                continue
-            force = _largest_force(law.stiffness, law.exponent, meeting.mass, meeting.speed)
-            if force / meeting.mass > found.acceleration:
-                words = f"{' and '.join(meeting.bodies)} may meet at {meeting.speed:.3g} m/s from "
-                words += f"{meeting.distance / meeting.speed:.3g} s on, with some {force:.3g} N"
-                lasts = basis.duration - meeting.distance / meeting.speed
-                found = Estimate(force / meeting.mass, meeting.speed * lasts, words)
-        return found
+        return Estimate(acceleration, basis.held(speed * basis.duration), f"stopped from {speed:.3g} m/s")
 
 
 class LinearContact(Contact):

@@ -75,8 +75,7 @@ class SelfContact(Effect, ImpactDampingConfig):
     def magnitude(self, basis: EstimateBasis) -> Estimate:
         """Estimate meetings of threads once the net has opened and springs back, as lines in flight.
 
-        Where the net meets a body, what lies on it stops, and the others go on at the speed of the meeting. A
-        line of length l that moves at the speed v across itself sweeps the area (pi/4) l v; lines of the
+        A line of length l that moves at the speed v across itself sweeps the area (pi/4) l v; lines of the
         length lambda per volume, in all directions, cross an area lambda / 2 times. Each meeting changes the
         speed of a node by about v. Before the net has opened, its threads move apart.
         """
@@ -87,14 +86,11 @@ class SelfContact(Effect, ImpactDampingConfig):
         own = basis.velocity - (mass @ basis.velocity) / mass.sum() if mass.any() else 0.0 * basis.velocity
         speed = basis.rms(np.where(basis.free[:, None], own, 0.0))
         opens = basis.opening_time if math.isfinite(basis.opening_time) else 0.0
-        lasts, since = max(0.0, basis.duration - opens), "opening"
-        first = min(basis.approaches, key=lambda approach: approach.time, default=None)
-        if first is not None and first.time < basis.duration and first.speed > speed:
-            speed, lasts, since = first.speed, basis.duration - first.time, f"it has met {first.body}"
+        lasts = max(0.0, basis.duration - opens)
         length = net.reference_length[: net.n_net_elements]
         rate = math.pi / 8.0 * float(length.mean()) * speed * float(length.sum()) / basis.size**3
         meetings = rate * lasts
         moved = min(meetings, 1.0) * speed * 0.5 * lasts
-        words = f"{meetings:.2g} meetings of an element at {speed:.3g} m/s in the {lasts:.3g} s after {since}"
+        words = f"{meetings:.2g} meetings of an element at {speed:.3g} m/s in the {lasts:.3g} s after opening"
         acceleration = speed * math.sqrt(self.stiffness * float(length.sum() / max(mass.sum(), 1e-300)))
         return Estimate(acceleration, basis.held(moved), words)
