@@ -12,13 +12,12 @@ from exunet.base.arguments import finite_number, whole_number
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, RunStopped
 from exunet.base.times import reached
-from exunet.bodies.port import FrameState, difference, frames_of, rows_of, turned
+from exunet.bodies.port import FrameState, frames_of, rows_of
 from exunet.coupling.host import Host
 from exunet.coupling.net_system import (
     LARGEST_TURN,
     OWN,
     NetSystem,
-    PortLoad,
     PortLoads,
     distance,
     port_loops,
@@ -33,7 +32,6 @@ from exunet.simulation.snapshot import Snapshot
 _SHORTEST = 1e-3  # of the requested step: smallest macro step
 _RECOIL = 1e-6  # of a macro step, over which an ejection recoils
 _OF_TURN = 0.9  # of the largest rotation in a step, since the angular velocity may grow in it
-_SAFETY, _MAX_GROWTH, _MAX_SHRINK = 0.9, 2.0, 0.2
 # Tolerance of times of net and host: of the macro step, and of round-off at a late time.
 _OF_STEP, _ULPS = 1e-9, 4.0
 _BODY = "Coupler: the host's body at port"
@@ -52,7 +50,7 @@ class Coupler:
     host : Host
         With bodies that start like the ports of the net.
     step : float
-        Macro step [s]; its maximum with `energy`. Steps beyond the largest stable step (`longest`) are
+        Macro step [s]. Steps beyond the largest stable step (`longest`) are
         divided into equal parts, which the ledger notes, and so are steps in which a port would rotate by
         more than 1 rad.
     iterations : int, optional
@@ -61,9 +59,6 @@ class Coupler:
         are of second order with hosts that apply the whole impulses.
     agreement : float, optional
         Tolerance of both, relative to the net's size, and in radians.
-    energy : float, optional
-        Tolerance of the energy of a step [J]: the work of the loads between the motion that the net has used
-        and that of the host, which the next step corrects. The macro step follows it. None: equal steps.
     longest : float, optional
         Longest macro step [s]; None: the largest stable step.
 
@@ -88,7 +83,6 @@ class Coupler:
         step: float,
         iterations: int = 1,
         agreement: float = 1e-9,
-        energy: float | None = None,
         longest: float | None = None,
     ) -> None:
         if not isinstance(host, Host):
@@ -99,7 +93,6 @@ class Coupler:
         self._own, self._net, self._host = CoupledNet(net), net, host
         self._step = _positive("step", step)
         self._agreement = _positive("agreement", agreement)
-        self._energy = None if energy is None else _positive("energy", energy)
         number = whole_number(iterations)
         if number is None or number < 1:
             raise InputError(f"Coupler: iterations: must be 1 or more, got {iterations!r}")
@@ -111,7 +104,6 @@ class Coupler:
             of = "as given" if self._given else "the longest for the ports' masses, stiffnesses and rotations"
             self._own.ledger.note = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, {of}"
         self._step = min(self._step, self.longest)
-        self._next = self._step
         self._validate_times()
         self._frames = self._host_frames()
         for name, state in frames_of(net.ports, self._frames).items():
@@ -128,7 +120,7 @@ class Coupler:
         return self._net.time
 
     def advance_to(self, until: float) -> None:
-        """Advance to a time [s] by equal macro steps, or by steps that follow the energy.
+        """Advance to a time [s] by equal macro steps.
 
         The present time, within round-off, changes nothing.
         Raises InputError if the host does not reach the motion of the net within the iterations, at any macro
@@ -174,13 +166,11 @@ class Coupler:
                 )
             self._host.restore(host)
 
-        memory = self._own.restore(snapshot, own, restore_host)
-        self._next = min(float(memory["next"][0]), self._step)
+        self._own.restore(snapshot, own, restore_host)
         self._frames = self._host_frames()
 
     def _memory(self) -> dict[str, Floats]:
-        arguments = [self._step, self._iterations, self._agreement, self._energy or np.inf]
-        return {"next": np.array([self._next]), "arguments": np.array(arguments)}
+        return {"arguments": np.array([self._step, self._iterations, self._agreement])}
 
     def _stops(self, end: float) -> list[float]:
         """Ends of intervals: the jump of an ejection gets a short step of its own."""
@@ -192,21 +182,14 @@ class Coupler:
 
     def _interval_to(self, end: float) -> None:
         begin = self.time
-        if self._energy is None and self._next == self._step:
-            number = math.ceil((end - begin) / self._step * (1.0 - 1e-9))
-            for k in range(number):
-                self._to(end if k + 1 == number else begin + (k + 1) * (end - begin) / number)
-        while self.time < end:
-            left = end - self.time
-            self._to(end if left <= 1.0000001 * self._next else self.time + min(self._next, 0.5 * left))
+        number = math.ceil((end - begin) / self._step * (1.0 - 1e-9))
+        for k in range(number):
+            self._to(end if k + 1 == number else begin + (k + 1) * (end - begin) / number)
 
     def _to(self, until: float) -> None:
         """Take one macro step, or several shorter ones."""
         while self.time < until:
-            stop, wanted = min(until, self.time + self._time_to_rotate()), self._next
-            if self._energy is not None and stop - self.time > wanted:
-                stop = self.time + wanted
-            stop = self._shortened(stop)
+            stop = self._shortened(min(until, self.time + self._time_to_rotate()))
             while not self._take(stop):
                 stop = self.time + 0.5 * (stop - self.time)
                 if stop - self.time < _SHORTEST * self._step:
@@ -237,7 +220,7 @@ class Coupler:
         """Take a macro step; return False, net and host at its begin, if it must be repeated shorter."""
         net, own, begin, before = self._net, self._own, self._net.time, self._frames
         saved: tuple[Snapshot, Any] | None = None
-        if self._iterations > 1 or self._energy is not None:
+        if self._iterations > 1:
             net.finish()
             self._host.finish()
             saved = net.snapshot(), self._host.snapshot()
@@ -258,9 +241,6 @@ class Coupler:
                 break
             target = found
         else:
-            self._repeat(saved)
-            return False
-        if self._energy is not None and not recoils and not self._is_accurate(loads, target, found):
             self._repeat(saved)
             return False
         own.record(loads, (before, found), recoils=recoils)
@@ -300,18 +280,6 @@ class Coupler:
         validate_no_jump(_BODY, net.ports, times, (before, found), earlier, OWN, net.size)
         validate_rotation(_BODY, net.ports, times, port_loops().max_rotation(until - begin, before, found))
         return found
-
-    def _is_accurate(self, loads: PortLoads, target: Floats, found: Floats) -> bool:
-        """Return True if the energy of a step is within its tolerance, and choose the length of the next."""
-        assert self._energy is not None
-        ports = self._net.ports
-        states = (frames_of(ports, rows).values() for rows in (target, found))
-        rest = sum(abs(_work_between(*item)) for item in zip(loads.of(ports).values(), *states, strict=True))
-        ratio = rest / self._energy
-        change = _SAFETY / math.sqrt(max(ratio, 1e-12))  # the work goes with the square of the step
-        duration = loads.end - loads.begin
-        self._next = min(self._step, duration * min(_MAX_GROWTH, max(_MAX_SHRINK, change)))
-        return ratio <= 1.0
 
     def _agree(self, target: Floats, found: Floats) -> bool:
         size, ports = self._net.size, self._net.ports
@@ -374,17 +342,10 @@ class Coupler:
             )
 
 
-def _work_between(load: PortLoad, one: FrameState, other: FrameState) -> float:
-    """Return the work [J] of a load between two poses at the same time."""
-    turn = turned(one.attitude, difference(one.attitude, other.attitude))
-    return float(load.force @ np.subtract(other.position, one.position) + load.torque @ np.array(turn))
-
-
 def _words(arguments: Floats) -> str:
     """Arguments in force; `step` may have been cut."""
-    step, iterations, agreement, energy = arguments.tolist()
-    words = f"step={step!r}, iterations={int(iterations)}, agreement={agreement!r}"
-    return f"{words}, energy={energy!r}" if energy < math.inf else words
+    step, iterations, agreement = arguments.tolist()
+    return f"step={step!r}, iterations={int(iterations)}, agreement={agreement!r}"
 
 
 def _positive(name: str, given: object) -> float:

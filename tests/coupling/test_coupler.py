@@ -196,21 +196,6 @@ def test_two_ports_of_one_body(tmp_path: Path) -> None:
     assert coupler.longest < longest_step(begin, STABLE)  # by modes, of one cable's nodes and of both
 
 
-@pytest.mark.ci
-@pytest.mark.slow
-def test_the_step_follows_the_energy(scene: Scene) -> None:
-    found = []
-    for allowed in (1e-4, 1e-6):
-        net, host = scene.both()
-        coupler = Coupler(net, host, step=0.02, energy=allowed)
-        coupler.advance_to(END)
-        assert coupler.time == END
-        found.append((coupler.ledger.steps, abs(coupler.ledger.residual)))
-        assert coupler.ledger.shortest < coupler.ledger.longest <= 0.02
-    assert found[1][0] > found[0][0]
-    assert found[1][1] < found[0][1]
-
-
 @pytest.mark.parametrize(
     ("balance", "doubtful"),
     [
