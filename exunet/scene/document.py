@@ -140,110 +140,18 @@ class _Items:
 
 
 _POSITION = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
-_NUMBER = r"[+-]?\d[\d_]*(?:\.\d+)?(?:[eE][+-]?\d+)?"
-_HEADER = "a table begins with a line of its name in brackets, such as [time]"
-_STATEMENT = "a line is key = value, [table] or # comment"
-
-# Beginnings of tomllib's messages; those of values are looked at below.
-_ADVICE = {
-    "Expected '=' after a key": _STATEMENT,
-    "Invalid statement": _STATEMENT,
-    "Invalid initial character": "keys consist of letters, digits, _ and -; put any other key in quotes",
-    "Unterminated string": "close the text with the quote that it begins with",
-    'Expected "': "close the text with the quote that it begins with",
-    "Illegal character '\\n'": "close the text on its line with the quote that it begins with",
-    "Unclosed array": "put commas between the items and ] at the end",
-    "Unclosed inline table": "put commas between the keys and } at the end, all on one line",
-    "Expected ']": _HEADER,
-    "Unescaped": "write \\\\ for a backslash, or put the text in single quotes",
-    "Invalid hex": "write \\\\ for a backslash, or put the text in single quotes",
-    "Found invalid": "remove the invisible character",
-    "Illegal": "remove the invisible character",
-}  # fmt: skip
-
-# What stands where a value should.
-_VALUES = (
-    (r"(#.*)?$", "a value is missing after ="),
-    (r"np\.\w+\(", "this is how Python shows a NumPy number: write float(x), or build an exunet.Scene"),
-    (r"(true|false)\b", "write true or false in small letters"),
-    (r"(none|null|nil)\b", "leave the key out instead"),
-    (r"[+-]?\.\d", "put a digit before the point, such as 0.5"),
-    ("[\u201c\u201d\u2018\u2019`]", 'put text in plain quotes, such as "RK44"'),
-    (r"[a-z_]", 'put text in quotes, such as "RK44"'),
-    (r"\(", "put a list in brackets, such as [0.0, 0.0, 1.0]"),
-    (r"=", "put one = between key and value"),
-)
-# What stands after the = where something after the value is wrong.
-_REMAINDERS = (
-    (r"[+-]?\d+,\d+\s*(#.*)?$", "a number has a point, not a comma"),
-    (r"[+-]?\d+\.(?!\d)", "put a digit after the point, such as 5.0"),
-    (r"[+-]?0\d", "remove the leading zeros of the number"),
-    (rf"({_NUMBER})\s*(//|%|;(?!.*=))", "a comment begins with #"),
-    (rf"({_NUMBER})\s*[*/^+-]", "write the number itself: formulas are not evaluated"),
-    (rf"({_NUMBER})\s+\d", "a number has no blanks; 1_000 is a thousand"),
-    (rf"({_NUMBER})\s*[a-z]", "a unit belongs in a comment, after #"),
-)
 
 
 def syntax_error(message: str, text: str) -> tuple[str, int | None]:
-    """Words and line (from 1; None if not known) for what `tomllib.loads(text)` raised as `message`."""
+    """Return the error of `tomllib.loads(text)` with the text of its line, and the line, from 1, or None."""
     found = _POSITION.search(message)
     if found is None:
         return message, None
     lines = text.rstrip().split("\n")
-    line = int(found[1]) if found[1] else len(lines)
-    message = message[: found.start()]
-    here = text.split("\n")[line - 1].strip()
-    rest = text.split("\n")[line - 1][int(found[2]) - 1 :].strip() if found[2] else ""
-    if name := _given_twice(message, here):
-        first = _line_of(name, lines[: line - 1])
-        where = f", first on line {first}" if first else ""
-        return f"{name} is given twice{where}: keep one of them", line
-    advice = _advice(message, here, rest)
-    return (f"{message}: {advice}" if advice else message), line
-
-
-def _given_twice(message: str, line: str) -> str:
-    """The key or [table] that a line gives again; "" if that is not what is wrong."""
-    if found := re.match(r"Duplicate inline table key '(.*)'$", message):
-        return found[1]
-    if not message.startswith("Cannot"):
-        return ""
-    header = re.match(r"\[+[^\]]*\]+", line)
-    return header[0] if header else line.partition("=")[0].strip()
-
-
-def _line_of(name: str, lines: list[str]) -> int | None:
-    """On which of the lines before, from 1, a [table] is, or a key of the table that the last one is in."""
-    for number in range(len(lines), 0, -1):
-        line = lines[number - 1].strip()
-        if line.startswith(name) if name.startswith("[") else line.partition("=")[0].strip() == name:
-            return number
-        if line.startswith("[") and not name.startswith("["):
-            return None
-    return None
-
-
-def _advice(message: str, line: str, rest: str) -> str:
-    if rest.startswith("//"):
-        return "a comment begins with #"
-    if message.startswith("Invalid initial") and rest.startswith("}"):
-        return "remove the comma before }"
-    if message.startswith("Expected '='") and rest.startswith(":"):
-        return "put = between key and value, not :"
-    if message == "Invalid value":
-        words = 'a value is a number, "text", true, false, a [list] or a { key = value }'
-        return _first(_VALUES, rest) or words
-    if message.startswith("Expected newline"):
-        if line.startswith("["):
-            return _HEADER
-        value = line.partition("=")[2].strip()
-        return _first(_REMAINDERS, value) or "each key = value has a line of its own; a comment begins with #"
-    return next((words for start, words in _ADVICE.items() if message.startswith(start)), "")
-
-
-def _first(rules: tuple[tuple[str, str], ...], text: str) -> str:
-    return next((words for pattern, words in rules if re.match(pattern, text, re.IGNORECASE)), "")
+    line = min(int(found[1]), len(lines)) if found[1] else len(lines)
+    here = lines[line - 1].strip()
+    remedy = "; write float(x) for a NumPy number" if "np." in here else ""
+    return f"{message[: found.start()]} in {here!r}{remedy}", line
 
 
 MAX_BYTES = 10_000_000
