@@ -379,8 +379,8 @@ def cost_command(
 ) -> None:
     """Measure what accuracy costs on a case.
 
-    A deployment varies method, step, tolerance and backend; a capture step, contact stiffness, divisions
-    and backend. Prints wall times for errors or metrics; writes tables and a figure.
+    A deployment varies method, step, tolerance and backend; a capture step, divisions and
+    backend. Prints wall times for errors or metrics; writes tables and a figure.
     """
     from exunet.cli.cost import cost
     from exunet.scene.casefile import load, located_faults

@@ -354,10 +354,7 @@ def test_each_setting_differs_from_the_case_in_one_thing(case: Case) -> None:
     found = {setting.name: setting for setting in settings}
     steps = [item.size / 4e-5 for item in settings if item.varied == Varied.SIZE]
     assert steps == [1.0, 4.0, 2.0, 0.5, 0.25]  # the case first
-    assert len([element for element in settings if element.backend == Backend.COMPILED]) == 9
-    stiff, soft = found["contact stiffness x 2"], found["contact stiffness x 1/2"]
-    assert (stiff.size, soft.size) == (2e-5, 4e-5)
-    assert stiff.changes == ("effects.contact.stiffness=20000.0", "effects.contact.bullet_stiffness=2000.0")
+    assert len([element for element in settings if element.backend == Backend.COMPILED]) == 7
     fine = found["divisions x 2"]
     assert fine.changes == ("net.divisions=8", "net.strings.divisions=2")
     subject = Subject.of(case)
@@ -373,7 +370,6 @@ def test_a_tolerance_is_varied_where_steps_are_adaptive(case: Case) -> None:
     free = exunet.load(case.path, ["time.end=0.04", 'solver={method="DOPRI5",tolerance=1e-6}'])
     found = {item.name: item for item in settings_of_distribution(free)}
     assert found["tolerance x 1/100"].size == pytest.approx(1e-8)
-    assert found["contact stiffness x 2"].size == 1e-6  # steps follow by themselves
     assert Subject.of(free).prepare(found["tolerance x 10"]).plan.tolerance == pytest.approx(1e-5)
 
 
@@ -450,7 +446,7 @@ def made(
     """Study of (name, step, seconds, shift), each of 8 runs in a range of 2; outcomes of all but the last."""
     found = []
     for name, step, seconds, shift in rows:
-        varied = Varied.STIFFNESS if name.startswith("contact") else Varied.SIZE
+        varied = Varied.DIVISIONS if name.startswith("divisions") else Varied.SIZE
         names = ("touched",) if (name, step, seconds, shift) == rows[-1] else outcomes
         samples = [
             Sample({"number_N_s": replace(NUMBER, value=10.0 + shift + x)}, names[k % len(names)])
@@ -465,13 +461,13 @@ def made(
 
 
 def test_the_cheapest_that_holds_is_recommended(case: Case) -> None:
-    """Of a range of 2, shifts from 2/3 on matter. Another stiffness is another model, not a setting."""
+    """Of a range of 2, shifts from 2/3 on matter. Other divisions are another model, not a setting."""
     study = made(
         case,
         ("step x 8", 8e-5, 0.5, 3.0),
         ("step x 4", 4e-5, 1.0, 0.7),
         ("step x 2", 2e-5, 2.0, 0.1),
-        ("contact stiffness x 1/2", 1e-5, 0.1, 0.0),
+        ("divisions x 2", 1e-5, 0.1, 0.0),
         ("step x 1/2", 5e-6, 8.0, 0.0),
     )
     assert study.finest is study.rows[4]

@@ -40,9 +40,7 @@ STEP_FACTORS = {1.0: "1", 4.0: "4", 2.0: "2", 0.5: "1/2", 0.25: "1/4"}
 TOLERANCE_FACTORS = {1.0: "1", 10.0: "10", 0.1: "1/10", 0.01: "1/100"}
 ACCURATE = "solver.accuracy"  # name of the settings that have one
 SAME = 0.2  # relative difference from the step of the case, below which no other one is compared
-STIFFNESS_FACTORS = {0.5: "1/2", 2.0: "2"}
 DIVISION_FACTORS = (2, 4)
-_CONTACT_KEYS = ("stiffness", "node_stiffness", "bullet_stiffness", "body_stiffness", "modulus")
 
 
 class Varied(StrEnum):
@@ -50,7 +48,6 @@ class Varied(StrEnum):
 
     SIZE = "step or tolerance"
     METHOD = "method"
-    STIFFNESS = "contact stiffness"
     DIVISIONS = "divisions"
     BACKEND = "backend"
 
@@ -190,20 +187,6 @@ def divisions(case: Case, start: Start) -> Iterator[Setting]:
         yield replace(found, elements=count)
 
 
-def stiffer(case: Case, factor: float) -> tuple[str, ...]:
-    """Overrides that multiply the stiffness of contact; () without contact."""
-    contact = case.scene.effects.get(Contact)
-    values = {key: getattr(contact, key, None) for key in _CONTACT_KEYS}
-    return tuple(
-        f"effects.contact.{key}={value * factor!r}" for key, value in values.items() if value is not None
-    )
-
-
-def step_factor(stiffness: float) -> float:
-    """Factor on the step for a factor on the stiffness of contact, whose damping rate bounds the step."""
-    return 1.0 / max(stiffness, 1.0)
-
-
 def _from_case(
     plan: Plan,
     varied: Varied,
@@ -252,9 +235,5 @@ def settings_of_distribution(case: Case) -> list[Setting]:
             if method == plan.method:
                 steps = [item for item in steps if abs(math.log(item.size / found[0].size)) > SAME]
             found += (replace(setting, varied=varied) for setting in steps)
-    for factor, name in STIFFNESS_FACTORS.items():
-        if changes := stiffer(case, factor):
-            size = 1.0 if plan.step is None else step_factor(factor)
-            found.append(_from_case(plan, Varied.STIFFNESS, f"contact stiffness x {name}", size, changes))
     in_exudyn = _from_case(plan, Varied.BACKEND, f"backend {Backend.EXUDYN}", backend=Backend.EXUDYN)
     return [*found, *divisions(case, start), in_exudyn]
