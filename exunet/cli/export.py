@@ -22,7 +22,7 @@ def export_result(path: Path, kind: str, out: Path | None, *, overwrite: bool) -
     kind : str
         One of `EXPORTS`.
     out : Path or None
-        File; None: beside the result. In the folder of the result a VTKHDF file refers to it.
+        File; None: beside the result.
     overwrite : bool
         Replace a file of that name.
 
@@ -39,8 +39,7 @@ def export_result(path: Path, kind: str, out: Path | None, *, overwrite: bool) -
         raise InputError(f"--out: must end in .{kind}, got {out}")
     if os.path.lexists(out) and not overwrite:
         raise InputError(f"{out}: exists: choose another --out, or --overwrite")
-    beside = file.is_file() and out.parent.resolve() == file.parent.resolve()
     if words := unfinished(path):
         report(words)
-    export(load_result(path), out, file if beside else None)
+    export(load_result(path), out)
     return out

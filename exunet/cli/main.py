@@ -468,10 +468,7 @@ def export_command(
     out: Annotated[Path | None, file_option("beside the result")] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Export a result for other programs.
-
-    A VTKHDF file beside the result refers to it; in another folder it is complete.
-    """
+    """Export a result for other programs."""
     from exunet.cli.export import export_result
 
     typer.echo(export_result(result, kind, out, overwrite=overwrite))

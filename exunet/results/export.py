@@ -24,7 +24,7 @@ from exunet.bodies.touched import surface_shown
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import broken_at
 from exunet.results.observables import LINE, Observables, further_series, time_series
-from exunet.results.result import PATHS, Result, row_ranges
+from exunet.results.result import Result, row_ranges
 
 if TYPE_CHECKING:
     import h5py
@@ -37,7 +37,7 @@ _BLOCK = 64  # states that are written at a time
 
 
 @takes(result=Result)
-def export(result: Result, path: str | Path, source: str | Path | None = None) -> None:
+def export(result: Result, path: str | Path) -> None:
     """Write a result for other programs.
 
     Parameters
@@ -47,9 +47,6 @@ def export(result: Result, path: str | Path, source: str | Path | None = None) -
     path : str or Path
         File to write. Ends in .vtkhdf (states, for ParaView) or in .csv (time series: a row for each stored
         time).
-    source : str or Path, optional
-        The result file, if it is in the folder of `path`: in VTKHDF positions, velocities and tensions then
-        refer to it and are not copied. Without it beside, a reader finds NaN there.
 
     Raises
     ------
@@ -60,7 +57,7 @@ def export(result: Result, path: str | Path, source: str | Path | None = None) -
     if path.suffix == ".csv":
         _write_csv(Observables(result), path)
     elif path.suffix == ".vtkhdf":
-        _write_vtkhdf(result, path, None if source is None else path_of(source, "export"))
+        _write_vtkhdf(result, path)
     else:
         raise InputError(f"{path}: the name must end in .vtkhdf or .csv")
 
@@ -74,7 +71,7 @@ def _write_csv(run: Observables, path: Path) -> None:
         writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
 
 
-def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
+def _write_vtkhdf(result: Result, path: Path) -> None:
     import h5py
 
     net = result.net
@@ -82,17 +79,6 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
         root = file.create_group("VTKHDF", track_order=True)
         _describe(root, "PartitionedDataSetCollection")
         assembly = root.create_group("Assembly", track_order=True)
-
-        def stored(group: h5py.Group, name: str, quantity: str, values: Any) -> None:
-            """Add values (times, n, ...) that the result file has, for each time one after another."""
-            if source is None or not values.shape[1]:
-                _copy(group, name, values.shape, lambda a, b: values[a:b])
-                return
-            shape = (values.shape[0] * values.shape[1], *values.shape[2:])
-            layout = h5py.VirtualLayout(shape, dtype="<f8")
-            origin = h5py.VirtualSource(source.name, PATHS[quantity], shape=values.shape)
-            layout[:] = origin  # in the same order
-            group.create_virtual_dataset(name, layout, fillvalue=np.nan)
 
         def block(name: str, cells: Mapping[str, Ints], n_points: int, *, moves: bool = True) -> h5py.Group:
             """Add a part of the scene, without its points; moves : these differ from time to time."""
@@ -108,15 +94,16 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
             return group
 
         group = block("net", {"Lines": net.element_nodes}, net.n_nodes)
-        stored(group, "Points", "position", result.position)
+        _copy(group, "Points", result.position.shape, lambda a, b: result.position[a:b])
         cells = group.create_group("CellData")
-        stored(cells, "tension", "tension", result.tension)
+        _copy(cells, "tension", result.tension.shape, lambda a, b: result.tension[a:b])
         broken = np.full(net.n_elements, np.inf)
         for element, when in broken_at(result).items():
             broken[element] = when
         size = (len(result.time), net.n_elements)
         _copy(cells, "broken", size, lambda a, b: np.asarray(result.time[a:b])[:, None] >= broken, "u1")
-        stored(group.create_group("PointData"), "velocity", "velocity", result.velocity)
+        points = group.create_group("PointData")
+        _copy(points, "velocity", result.velocity.shape, lambda a, b: result.velocity[a:b])
         threads = np.zeros(net.n_elements, dtype="<i8")
         for k, own in enumerate(net.groups.values()):
             threads[own.start : own.stop] = k
@@ -129,16 +116,8 @@ def _write_vtkhdf(result: Result, path: Path, source: Path | None) -> None:
             nodes = np.array(result.run.closing_path)
             pieces = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
             group = block("closing_line", {"Lines": pieces}, len(nodes))
-            if source is None:
-                shape = (len(result.time), len(nodes), 3)
-                _copy(group, "Points", shape, lambda a, b: np.asarray(result.position[a:b])[:, nodes])
-            else:
-                layout = h5py.VirtualLayout((len(result.time) * len(nodes), 3), dtype="<f8")
-                shape = result.position.shape
-                for k, node in enumerate(nodes.tolist()):
-                    origin = h5py.VirtualSource(source.name, PATHS["position"], shape=shape)
-                    layout[k :: len(nodes)] = origin[:, node]
-                group.create_virtual_dataset("Points", layout, fillvalue=np.nan)
+            shape = (len(result.time), len(nodes), 3)
+            _copy(group, "Points", shape, lambda a, b: np.asarray(result.position[a:b])[:, nodes])
             ends = [
                 np.asarray(result.states[f"{LINE}tension_{end}"].values[:])[:, 0] for end in ("start", "end")
             ]
