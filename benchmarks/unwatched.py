@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from exunet.forces.terms import Change
-from exunet.integrators.protocol import Batch, Extremes
+from exunet.integrators.protocol import Extremes
+from exunet.model.states import States
 
 
 class Unwatched:
     """See `exunet.integrators.protocol.Observer`."""
 
-    def take(self, batch: Batch) -> None:
+    def take(self, states: States) -> None:
         """No guard looks."""
 
     def between(self, until: float, extremes: Extremes) -> None:

@@ -10,30 +10,11 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.bodies.port import Piece
-from exunet.bodies.rigid import RigidStates
 from exunet.forces.terms import Change
+from exunet.model.states import States
 from exunet.model.system import Moving, State
 
 Arrays = Mapping[str, NDArray[Any]]
-
-
-class Batch(NamedTuple):
-    """States of accepted steps, the first of which was the last of the batch before.
-
-    time               : (k,) [s]
-    position, velocity : (k, n_points, 3) [m], [m/s]
-    bodies             : with k leading
-    first_order        : (k, n_states) of the terms
-    taken              : (k,) energy [J] that terms without a potential have taken out, where the integrator
-                         sums it itself
-    """
-
-    time: Floats
-    position: Floats
-    velocity: Floats
-    bodies: RigidStates
-    first_order: Floats
-    taken: Floats | None = None
 
 
 class Largest(NamedTuple):
@@ -66,8 +47,11 @@ class Observer(Protocol):
 
     asks_for_elements: bool
 
-    def take(self, batch: Batch) -> None:
-        """States of accepted steps, later than `advance` has gone there but before the end of the run."""
+    def take(self, states: States) -> None:
+        """States of accepted steps, later than `advance` has gone there but before the end of the run.
+
+        The first is the last of those before.
+        """
 
     def between(self, until: float, extremes: Extremes) -> None:
         """What the steps to `until` [s] reached between the states of batches."""

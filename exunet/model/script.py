@@ -161,7 +161,7 @@ def _tether_tension(sources: Sources, sample: Sample) -> Floats:
         rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
     tension = law.tension(length, rate)
     for winding in sources.system.forces.cable.reels:
-        element, _, pull = winding.outlets(sample.states.memory, *sample.states.flat)
+        element, _, pull = winding.outlets(sample.states.memory, sample.states.x, sample.states.v)
         tension[:, element - first] = pull
     return np.asarray(tension.max(axis=1))
 
@@ -457,10 +457,8 @@ class ScriptEvents(Watch):
         system, ends = self._sources.system, self._ends
         observed = (steps.memory[a:b] for a, b in pairwise(ends))
         memory = system.memory | dict(zip(self.sees, observed, strict=True))
-        moving = system.layout.unpack(steps.x, steps.v)
-        if completed:
-            moving = moving.completed(system.kinematics, steps.time, memory)
-        return States(system, steps.time, *moving[:3], memory, moving.first_order)
+        states = States(system, steps.time, steps.x, steps.v, memory)
+        return states.completed() if completed else states
 
     def _now(self, time: float, x: Floats, v: Floats, memory: Floats) -> Seen:
         """Return one state as the end of a step."""

@@ -24,55 +24,38 @@ Selection = slice | NDArray[np.int64] | NDArray[np.bool_]
 
 
 class States:
-    """States of a system at times (k,) [s] with the same discrete states.
+    """States of a system at times (k,) [s] with the same discrete states, in flat arrays.
 
-    position, velocity : (k, n_points, 3) [m], [m/s]
-    bodies             : states of the rigid bodies, with k leading
-    first_order        : (k, n_states) first-order states; None without any
+    x, v   : (k, n_x), (k, n_v), see `exunet.forces.blocks`
+    memory : discrete states, by name
+    taken  : (k,) energy [J] that terms without a potential have dissipated, where the stepper sums it
     """
 
     def __init__(
         self,
         system: System,
         time: Floats,
-        position: Floats,
-        velocity: Floats,
-        bodies: RigidStates,
+        x: Floats,
+        v: Floats,
         memory: Memories,
-        first_order: Floats | None = None,
+        taken: Floats | None = None,
     ) -> None:
-        self.system, self.time, self.memory = system, time, memory
-        self.position, self.velocity, self.bodies = position, velocity, bodies
-        self.first_order = np.zeros((len(time), 0)) if first_order is None else first_order
+        self.system, self.time, self.x, self.v = system, time, x, v
+        self.memory, self.taken = memory, taken
 
     @classmethod
     def of(cls, system: System, state: State) -> States:
         """Make a batch of one state."""
-        bodies = RigidStates(*(part[None] for part in state.bodies.parts()))
-        instant = np.array([state.time])
-        points = state.position[None], state.velocity[None]
-        return cls(system, instant, *points, bodies, state.memory, state.first_order[None])
-
-    @classmethod
-    def of_points(cls, system: System, time: Floats, position: Floats, velocity: Floats) -> States:
-        """Make states of a system without rigid bodies, with the initial discrete states."""
-        none = RigidStates.none(len(position))
-        return cls(system, time, position, velocity, none, system.memory)
+        x, v = system.layout.pack(state.moving)
+        return cls(system, np.array([state.time]), x[None], v[None], state.memory)
 
     def __len__(self) -> int:
         return len(self.time)
 
     def __getitem__(self, rows: Selection) -> States:
         """Select states, with the quantities that were computed of all."""
-        part = States(
-            self.system,
-            self.time[rows],
-            self.position[rows],
-            self.velocity[rows],
-            self.bodies[rows],  # type: ignore[index]
-            self.memory,
-            self.first_order[rows],
-        )
+        taken = None if self.taken is None else self.taken[rows]
+        part = States(self.system, self.time[rows], self.x[rows], self.v[rows], self.memory, taken)
         for name in _SERIES:
             if name in self.__dict__:
                 part.__dict__[name] = self.__dict__[name][rows]
@@ -80,15 +63,41 @@ class States:
 
     def state(self, row: int) -> State:
         """Copy one of the states."""
-        bodies = RigidStates(*(part[row].copy() for part in self.bodies.parts()))
-        points = self.position[row].copy(), self.velocity[row].copy()
-        return State(float(self.time[row]), *points, bodies, self.memory, self.first_order[row].copy())
+        moving = self.system.layout.unpack(self.x[row].copy(), self.v[row].copy())
+        return State.of(float(self.time[row]), moving, self.memory)
+
+    def completed(self) -> States:
+        """Return the states with prescribed bodies and attached points set."""
+        system = self.system
+        if not system.kinematics:
+            return self
+        moving = self.moving.completed(system.kinematics, self.time, self.memory)
+        return States(system, self.time, *system.layout.pack(moving), self.memory, self.taken)
 
     @cached_property
-    def flat(self) -> tuple[Floats, Floats]:
-        """Flat arrays x (k, n_x) and v (k, n_v), see `exunet.forces.blocks`."""
-        moving = Moving(self.position, self.velocity, self.bodies, self.first_order)
-        return self.system.layout.pack(moving)
+    def moving(self) -> Moving:
+        """Points, bodies and first-order states, as views."""
+        return self.system.layout.unpack(self.x, self.v)
+
+    @property
+    def position(self) -> Floats:
+        """(k, n_points, 3) [m]."""
+        return self.moving.position
+
+    @property
+    def velocity(self) -> Floats:
+        """(k, n_points, 3) [m/s]."""
+        return self.moving.velocity
+
+    @property
+    def bodies(self) -> RigidStates:
+        """States of the rigid bodies, with k leading."""
+        return self.moving.bodies
+
+    @property
+    def first_order(self) -> Floats:
+        """(k, n_states) first-order states."""
+        return self.moving.first_order
 
     @cached_property
     def law(self) -> Law:
@@ -120,7 +129,7 @@ class States:
     @cached_property
     def elsewhere(self) -> list[tuple[Any, Floats, Floats]]:
         """Elements of other terms (outlets of reels, a shortened edge) with their strain and tension."""
-        return list(self.system.forces.cable.seen_elsewhere(self.memory, *self.flat))
+        return list(self.system.forces.cable.seen_elsewhere(self.memory, self.x, self.v))
 
     @cached_property
     def elastic(self) -> Floats:
@@ -130,7 +139,7 @@ class States:
     @cached_property
     def potential(self) -> Floats:
         """(k,) potential energy of the terms [J]."""
-        return energy.potential(self.system.forces, self.flat[0], self.memory)
+        return energy.potential(self.system.forces, self.x, self.memory)
 
     @cached_property
     def squared_speed(self) -> Floats:
@@ -176,7 +185,7 @@ class States:
         """Compute (k - 1,) energies [J] dissipated by terms without a potential between the states."""
         if not self.system.forces.dissipates:
             return np.zeros(len(self) - 1)
-        return energy.work_taken(self.system, self.time, *self.flat, self.memory)
+        return energy.work_taken(self.system, self.time, self.x, self.v, self.memory)
 
     @cached_property
     def given_work(self) -> Floats:
@@ -187,5 +196,5 @@ class States:
 _SERIES = tuple(
     name
     for name, value in vars(States).items()
-    if isinstance(value, cached_property) and name not in ("law", "flat", "elsewhere")
+    if isinstance(value, cached_property) and name not in ("law", "moving", "elsewhere")
 )

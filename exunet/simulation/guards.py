@@ -99,7 +99,7 @@ class EnergyScale:
         self._given = any(state.gives for state in system.blocks.states)
         self._free, self._before = free_parts(system), system.lost_at_start
         self._system = system
-        self._rest = start.flat[0][0]
+        self._rest = start.x[0]
         kinetic = energy.kinetic(system.mass, start.velocity[0]) + start.kinetic_of_bodies[0] @ system.driven
         self._common = self._of_centres(start)
         self._potential = float(start.potential[0])
@@ -142,7 +142,7 @@ class EnergyScale:
         change = states.potential - self._potential
         done = -dissipated - (kinetic - self._common[0]) - common_change
         errors = TRANSLATION_PART * np.abs(common_change) + WORK_PART * np.abs(dissipated)
-        reels, first = self._forces.cable.reels, states.flat[0][0]
+        reels, first = self._forces.cable.reels, states.x[0]
         drawn = max((reel.drawn(states.memory, first) for reel in reels), default=0.0)
         met = np.maximum(drawn, self._at_speed_of_bodies(states))
         own = np.maximum(np.maximum(np.abs(change - common_change), done), met) + errors
@@ -339,7 +339,7 @@ class Guards:
         if not ((self._step or self._tolerance) and terms):
             return np.zeros(len(rows))
         states = states[np.append(0, rows)]
-        (x, v), time, shape = states.flat, np.diff(states.time), (len(states), -1, 3)
+        x, v, time, shape = states.x, states.v, np.diff(states.time), (len(states), -1, 3)
 
         def sizes(terms: tuple[KernelTerm | LinearTerm, ...]) -> Floats:
             force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.memory)
@@ -473,7 +473,7 @@ def where_steps_fail(states: States) -> str:
     contacts = tuple(term for term in forces.kernels if term.memory and "contact/" in term.memory.name)
     if (states.tension > 0.0).any():
         return SNAPPING
-    if contacts and term_kernel(contacts).potential(states.flat[0], states.memory).any():
+    if contacts and term_kernel(contacts).potential(states.x, states.memory).any():
         return TOUCHING
     return ACTING if forces.nonpotential else ""
 

@@ -17,7 +17,7 @@ from exunet.base.run_events import RunEvent, ScriptEvent
 from exunet.forces.blocks import AWAKE
 from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, Series
-from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest
+from exunet.integrators.protocol import Arrays, Extremes, Largest
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import Plan, turning_polynomial
 from exunet.model.states import States
@@ -252,7 +252,8 @@ class DiscreteSeries:
         self._series = series_of(system)
         self._at: dict[float, Floats] = {}
         if self._series:
-            (x,), (v,) = States.of(system, state).flat
+            states = States.of(system, state)
+            x, v = states.x[0], states.v[0]
             kernel, size = term_kernel(system.forces.kernels), system.blocks.n_force
             after = kernel.remembered(state.time, x, v, size, state.memory)
             self.take(state.time, {**state.memory, **after})
@@ -512,13 +513,13 @@ class Monitor:
         x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
         return State.of(state.time, self._system.layout.unpack(x, v), dict(self._memory))
 
-    def take(self, batch: Batch) -> None:
-        """Check a batch; raise RunStopped, with `step_cause` if a smaller step may help."""
+    def take(self, states: States) -> None:
+        """Check states; raise RunStopped, with `step_cause` if a smaller step may help."""
         memory = dict(self._memory)
-        states = States(self._system, batch.time, *batch[1:4], memory, batch.first_order)
+        states = States(self._system, states.time, states.x, states.v, memory, states.taken)
         with np.errstate(all="ignore"):
-            dissipated = self._dissipated(states, batch)
-        rows = int(np.searchsorted(batch.time, self._good_until, side="right"))
+            dissipated = self._dissipated(states)
+        rows = int(np.searchsorted(states.time, self._good_until, side="right"))
         if rows == len(states):
             self.check(states, dissipated)
         elif rows > 1:
@@ -551,11 +552,11 @@ class Monitor:
         rows = rows[rows < len(time)]  # later marks do not have a row yet
         return rows[(time[rows] == marks[: len(rows)]) & (rows > 0)]
 
-    def _dissipated(self, states: States, batch: Batch) -> Floats:
+    def _dissipated(self, states: States) -> Floats:
         """Return (k,) dissipated energy until each state [J]."""
         given = states.given_work
-        if batch.taken is not None:
-            return self._base + batch.taken - given
+        if states.taken is not None:
+            return self._base + states.taken - given
         work = states.work_taken() - np.diff(given)
         if self._push is not None:
             work = work - np.einsum("kna,na->k", np.diff(states.position, axis=0), self._push)

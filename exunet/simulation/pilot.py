@@ -26,7 +26,7 @@ from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import Law, elastic_energy, element_tension, lengths, spans
 from exunet.forces.terms import Change
 from exunet.integrators.compiled.loop import CompiledLoop, loop_kernel
-from exunet.integrators.protocol import Arrays, Batch, Extremes, IntegrationFailed
+from exunet.integrators.protocol import Arrays, Extremes, IntegrationFailed
 from exunet.kernels.compile import numba_installed
 from exunet.kernels.kernel import Kernel
 from exunet.methods.method import METHODS, Method, Plan
@@ -205,10 +205,11 @@ class _Balance:
             return self.off / scale
         return 0.0 if self.off <= LEAST_ENERGY else math.inf
 
-    def take(self, batch: Batch) -> None:
-        assert batch.taken is not None  # the compiled loop sums it
-        now = States(self._system, *batch[:4], self._memory, batch.first_order)[-1:]
-        look = self._guards.look(now, self._left + batch.taken[-1:] - now.given_work)
+    def take(self, states: States) -> None:
+        assert states.taken is not None  # the compiled loop sums it
+        x, v = states.x[-1:], states.v[-1:]
+        now = States(self._system, states.time[-1:], x, v, self._memory)
+        look = self._guards.look(now, self._left + states.taken[-1:] - now.given_work)
         self._guards.accept(look, 0)
         off = float(abs(look.balance[0] + look.of_bodies[0]))
         if off <= look.round_off[0]:

@@ -27,7 +27,7 @@ from exunet.forces.terms import Change
 from exunet.integrators import integrator
 from exunet.integrators.exudyn.build import build
 from exunet.integrators.exudyn.probe import Probe
-from exunet.integrators.protocol import Arrays, Batch, Extremes
+from exunet.integrators.protocol import Arrays, Extremes
 from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend, Method, Plan
 from exunet.model.effect_survey import without_choice
@@ -70,11 +70,11 @@ class RunObserver:
         self.dissipated = self._at_start = at_start
         self.breaks: list[Break] = []
 
-    def take(self, batch: Batch) -> None:
-        if batch.taken is not None:
-            self.dissipated = self._at_start + float(batch.taken[-1])
+    def take(self, states: States) -> None:
+        if states.taken is not None:
+            self.dissipated = self._at_start + float(states.taken[-1])
         elif self._booked:
-            states = States(self._system, *batch[:4], self._memory, batch.first_order)
+            states = States(self._system, states.time, states.x, states.v, self._memory)
             self.dissipated += float(states.work_taken().sum())
 
     def between(self, until: float, extremes: Extremes) -> None: ...

@@ -227,14 +227,15 @@ def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event)
         for run, monitor in enumerate(monitors):
             if monitor is None:
                 continue
-            states = States.of_points(system, found.time, found.position[run], found.velocity[run])
+            states = found[run]
+            assert states.taken is not None
             try:
-                monitor.check(states, found.taken[run])
+                monitor.check(states, states.taken)
             except RunStopped:
                 monitors[run] = None
                 continue
             monitor.peaks.take(loop.largest_tensions(run))
-            recorders[run].store(states[1:], found.taken[run][1:])
+            recorders[run].store(states[1:], states.taken[1:])
             recorders[run].flush()  # the loop overwrites its states
     return [
         None if monitor is None else _result(recorder, monitor, loop.right_hand_sides)

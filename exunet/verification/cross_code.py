@@ -346,7 +346,7 @@ def _measures(case: BothCodes, state: State) -> Values:
         found["tension"] = ours.tension[0]
     # The work of viscous stress is integrated over steps: see the trajectories.
     if not viscous:
-        power = energy.power_taken(case.start.system.forces, ours.time, *ours.flat, state.memory)
+        power = energy.power_taken(case.start.system.forces, ours.time, ours.x, ours.v, state.memory)
         found["dissipated power"] = power[0]
     return found
 

@@ -14,9 +14,8 @@ from scenes import BACKENDS, EFFECT_CASES, every_backend, pair_of_masses, thrown
 
 import exunet
 from exunet.base.errors import CaseError, RunStopped
-from exunet.bodies.rigid import RigidStates
 from exunet.forces.law import STRETCH_BOUND
-from exunet.integrators.protocol import Batch, IntegrationFailed
+from exunet.integrators.protocol import IntegrationFailed
 from exunet.methods.method import Method, Plan
 from exunet.model import energy
 from exunet.model.limits import SAFETY, largest_damping_rate, largest_frequency, stable_step
@@ -71,8 +70,8 @@ def look(monitor: Monitor, *states: tuple[np.ndarray, np.ndarray]) -> None:
     """Give the guards states that are stored every 0.1 s."""
     position, velocity = (np.array(part) for part in zip(*states, strict=True))
     count = len(states)
-    bodies = RigidStates(*(np.repeat(part[None], count, axis=0) for part in RigidStates.none().parts()))
-    monitor.take(Batch(0.1 * np.arange(count), position, velocity, bodies, np.zeros((count, 0))))
+    x, v = (part.reshape(count, -1) for part in (position, velocity))
+    monitor.take(States(monitor._system, 0.1 * np.arange(count), x, v, {}))
 
 
 def gained(start: Start, position: np.ndarray, velocity: np.ndarray, taken: float = 0.0) -> list[float]:
@@ -699,10 +698,10 @@ def test_restarts_change_nothing_but_round_off():
 
     take, calls = Monitor.take, []
 
-    def once(self: Monitor, batch: Batch) -> None:
-        take(self, batch)
-        if batch.time[-1] > 0.22 and not calls:
-            calls.append(batch.time[-1])
+    def once(self: Monitor, states: States) -> None:
+        take(self, states)
+        if states.time[-1] > 0.22 and not calls:
+            calls.append(states.time[-1])
             raise RunStopped("by hand", step_cause=True)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -731,11 +730,11 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(backend):
     assert len(broken) == 8
     take, calls = Monitor.take, []
 
-    def once(self: Monitor, batch: Batch) -> None:
+    def once(self: Monitor, states: States) -> None:
         if self.events and not calls:
             calls.append([event.element for event in self.events])
             raise RunStopped("by hand", step_cause=True)
-        take(self, batch)
+        take(self, states)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rollback, "finer", lambda plan: plan)

@@ -12,7 +12,6 @@ from scenes import CASES
 from scipy.interpolate import CubicHermiteSpline
 from scripts import NET, SCENE, case_of, entry
 
-from exunet.bodies.rigid import RigidStates
 from exunet.forces.terms import Seen
 from exunet.integrators.compiled.loop import CompiledLoop
 from exunet.model.script import (
@@ -82,9 +81,7 @@ def between(start: Start, name: str, ends: tuple[Seen, Seen]) -> Callable[[float
         part = (time - BEGIN) / (END - BEGIN)
         x, v = ((1.0 - part) * a + part * b for a, b in ((begin.x, end.x), (begin.v, end.v)))
         x[0, :moved], v[0, :moved] = spline(time), spline(time, 1)
-        now = np.array([time])
-        moving = system.layout.unpack(x, v).completed(system.kinematics, now, system.memory)
-        states = States(system, now, *moving[:3], system.memory, moving.first_order)
+        states = States(system, np.array([time]), x, v, system.memory).completed()
         look = Sample(lambda: states, np.zeros((1, 0)))
         return float(VALUES[name](Sources.of(system, "target"), look)[0])
 
@@ -347,9 +344,8 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
     sight = Sources.of(system, "box")
     state = simulation.state
     whole = States.of(system, state)
-    moving = system.layout.unpack(looks.x[:, :rows].T, looks.v[:, :rows].T)
-    moving = moving.completed(system.kinematics, looks.time[:rows], state.memory)
-    seen = States(system, looks.time[:rows], *moving[:3], state.memory, moving.first_order)
+    x, v = looks.x[:, :rows].T, looks.v[:, :rows].T
+    seen = States(system, looks.time[:rows], x, v, state.memory).completed()
     now = np.array([[state.memory[name][place] for name, place in sight.reports]])
     mean = looks.mean[:rows] if looks.weights.size else None
     found = VALUES[quantity](sight, Sample(lambda: seen, looks.reported[:rows], mean))
@@ -380,11 +376,7 @@ def test_what_was_ejected_is_observed_where_it_flies(name: str) -> None:
     plain = Simulation(load(TOW, [f"script=[{EJECT}]", *FORM]))
     plain.advance_to(0.12)
     state = plain.state
-    bodies = RigidStates(*(part[None] for part in state.bodies.parts()))
-    points = state.position[None], state.velocity[None]
-    whole = States(
-        plain.start.system, np.array([0.12]), *points, bodies, state.memory, state.first_order[None]
-    )
+    whole = States.of(plain.start.system, state)
     look = Sample(lambda: whole, np.zeros((1, 0)))
     bound = float(VALUES[name](Sources.of(plain.start.system, "box"), look)[0])
     ours = watching(f"{name} < {bound!r}")

@@ -48,9 +48,8 @@ def test_the_centre_of_a_net_from_a_target() -> None:
     system, rng = start.system, np.random.default_rng(2)
     x, v = (np.tile(part, (3, 1)) for part in system.layout.pack(start.state.moving))
     x[:, :15], v[:, :15] = rng.normal(size=(2, 3, 15))
-    moving = system.layout.unpack(x, v)
     time = np.array([0.1, 0.2, 0.3])
-    states = States(system, time, *moving[:3], system.memory, moving.first_order)
+    states = States(system, time, x, v, system.memory)
     sight, look = Sources.of(system, "target"), Sample(lambda: states, np.zeros((3, 0)))
     sides = 2.0, 2.0 * math.sqrt(3.0)  # half of each is at either end
     mass = np.array([3.0 * sides[0], *[sides[0] + 2.0 * sides[1]] * 3])
@@ -99,9 +98,8 @@ def test_the_tension_of_a_tether() -> None:
         first = 3 if stretched == 0 else 3 + stretched - 1
         grown[first:] = (0.4 if stretched == 0 else 0.5) * e - (0.38 if stretched == 0 else 0.48)
         place[0, list(tether.nodes)] = place[0, tether.nodes[0]] + np.outer(along + grown, [0.0, 0.6, 0.8])
-        moved = States(
-            system, state.time, place, state.velocity, state.bodies, state.memory, state.first_order
-        )
+        x, _ = system.layout.pack(state.moving._replace(position=place))
+        moved = States(system, state.time, x, state.v, state.memory)
         found = VALUES["tether_tension"](
             Sources.of(system, None), Sample(lambda s=moved: s, np.zeros((1, 0)))
         )

@@ -40,11 +40,12 @@ from exunet.integrators.compiled.workspace import (
     samples_of,
 )
 from exunet.integrators.events import Events
-from exunet.integrators.protocol import Arrays, Batch, Extremes, Largest, Observer, StepCounts, StepsCollapsed
+from exunet.integrators.protocol import Arrays, Extremes, Largest, Observer, StepCounts, StepsCollapsed
 from exunet.kernels.compile import require_numba
 from exunet.kernels.kernel import Kernel
 from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.model.energy import law_of
+from exunet.model.states import States
 from exunet.model.system import Moving, State, System
 
 _NO_STRESS = np.zeros(0)
@@ -200,11 +201,11 @@ class CompiledIntegration:
         """Of each group of elements, of the steps looked at."""
         return largest_tensions_of(self._seen.largest)
 
-    def through(self, times: Floats, most: int = WITHOUT_LIMIT) -> Batch:
+    def through(self, times: Floats, most: int = WITHOUT_LIMIT) -> States:
         """From times[0], the state's time, through all times [s] without a look at keyboard, guards, events.
 
         most : attempts of steps whose size is chosen, about, from the state's first on
-        The batch has fewer rows than times if the steps collapsed (see `collapse`), or were more.
+        There are fewer states than times if the steps collapsed (see `collapse`), or were more.
         """
         kept, at = empty_states(len(times), self._system), np.array(times, dtype=float)
         run = Run(self._motion, self._clock, self._seen, kept, no_samples())
@@ -212,12 +213,11 @@ class CompiledIntegration:
             rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, np.int64(most), run)
         else:
             rows = self._module.through_equal(self._verlet, at, self._plan.step, run)
-        return self._batch(kept, rows)
+        return self._states(kept, rows)
 
-    def _batch(self, kept: Kept, rows: int) -> Batch:
+    def _states(self, kept: Kept, rows: int) -> States:
         time, x, v, taken = (values[:rows] for values in kept)
-        kinematics = self._system.kinematics
-        return Batch(time, *self._layout.unpack(x, v).completed(kinematics, time, self._memory), taken)
+        return States(self._system, time, x, v, self._memory, taken).completed()
 
     def collapse(self) -> str:
         """What to say when no step is small enough for the tolerance; "" if that is not so."""
@@ -551,11 +551,11 @@ class CompiledLoop(CompiledIntegration):
     def flush(self) -> None:
         rows = self._row
         if rows > 1:
-            batch = self._batch(Kept(*(values[:rows].copy() for values in self._kept)), rows)
+            states = self._states(Kept(*(values[:rows].copy() for values in self._kept)), rows)
             for values in self._kept:
                 values[0] = values[rows - 1]
             self._row = 1
-            self._observer.take(batch)
+            self._observer.take(states)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         self._recall()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from exunet.integrators.protocol import Largest
 from exunet.kernels.compile import WIDTH, version_of
 from exunet.kernels.kernel import Kernel
 from exunet.methods.method import METHODS, Kind, Method, Plan
+from exunet.model.states import States
 from exunet.model.system import State, System
 
 if TYPE_CHECKING:
@@ -156,19 +157,6 @@ def _calls(system: System) -> list[KernelCall]:
     return [call for term in system.forces for call in term.calls]
 
 
-class StatesOfRuns(NamedTuple):
-    """States of several runs at times (k,) [s].
-
-    position, velocity : (runs, k, n_points, 3) [m], [m/s]
-    taken              : (runs, k) energy [J] that terms without a potential have taken out so far
-    """
-
-    time: Floats
-    position: Floats
-    velocity: Floats
-    taken: Floats
-
-
 class RunsSideBySide:
     """Up to WIDTH runs of one system at a time, by one plan; each thread has its own.
 
@@ -203,13 +191,16 @@ class RunsSideBySide:
         kept = StoredRuns(np.zeros(rows), places, speeds, np.zeros((WIDTH, rows)), x, v, taken)
         return Run(self._motion, self._clock, self._seen, kept, no_samples())
 
-    def through(self, times: Floats) -> StatesOfRuns:
-        """From times[0], the states' time, through all times [s]; the next call overwrites them."""
+    def through(self, times: Floats) -> list[States]:
+        """From times[0], the states' time, through all times [s]: states of each run.
+
+        The next call overwrites them.
+        """
         run = self._run_with(len(times))
         self._module.runs_through(self._verlet, np.array(times, dtype=float), self._plan.step, run)
-        x, v, taken = (part[: self._runs] for part in (run.kept.x, run.kept.v, run.kept.taken))
-        points = self._runs, len(times), -1, 3
-        return StatesOfRuns(run.kept.time, x.reshape(points), v.reshape(points), taken)
+        time, *parts = run.kept[:4]
+        rows = zip(*(part[: self._runs] for part in parts), strict=True)
+        return [States(self._system, time, x, v, self._system.memory, taken) for x, v, taken in rows]
 
     def largest_tensions(self, run: int) -> tuple[Largest, ...]:
         """Of each group of elements, of all steps so far."""

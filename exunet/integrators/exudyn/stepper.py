@@ -26,9 +26,10 @@ from exunet.integrators.events import Events
 from exunet.integrators.exudyn.build import build, remember
 from exunet.integrators.exudyn.engine import exudyn
 from exunet.integrators.exudyn.model import Coordinates, Model
-from exunet.integrators.protocol import Arrays, Batch, IntegrationFailed, Observer, StepCounts, StepsCollapsed
+from exunet.integrators.protocol import Arrays, IntegrationFailed, Observer, StepCounts, StepsCollapsed
 from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.model.energy import law_of
+from exunet.model.states import States
 from exunet.model.system import Moving, State, System
 
 
@@ -376,7 +377,8 @@ class Observed:
             time, states = rows
             self.recall()
             moving = self._model.places.unpack(states, time, self._events.memory)
-            self._observer.take(Batch(time, *moving))
+            x, v = self._system.layout.pack(moving)
+            self._observer.take(States(self._system, time, x, v, self._events.memory))
 
     def remember(self, memory: Arrays) -> None:
         """Let all forces take the memories as they are now."""
