@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 import exunet
 from exunet.forces.contact.status import status_of
 from exunet.forces.contact.thread_contact import ThreadContact
-from exunet.integrators.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.integrators.compiled.loop import CompiledStepper, loop_kernel
 from exunet.kernels.kernel import Kernel
 
 HERE = Path(__file__).parent
@@ -242,14 +242,14 @@ def out_of_reach(meshes: int) -> tuple[float, float, float]:
     for contact in (True, False):
         start = simulation(meshes, contact=contact, ahead=1000.0).start
         plan = simulation(meshes, contact=contact, ahead=1000.0).plan
-        made.append(CompiledIntegration(start.system, start.state, plan, loop_kernel(start.system)))
+        made.append(CompiledStepper(start.system, start.state, plan, loop_kernel(start.system), every=None))
     ratios = []
     at = 0.0
     for turn in range(2 * ROUNDS + 1):
         spent = {}
         for which in (0, 1) if turn % 2 else (1, 0):
             began = time.perf_counter()
-            made[which].through(np.array([at, at + 0.02]))
+            made[which].step([at + 0.02])
             spent[which] = time.perf_counter() - began
         at += 0.02
         if turn:

@@ -20,11 +20,10 @@ from typing import Any
 
 import numpy as np
 import peers
-from unwatched import Unwatched
 
 import exunet
-from exunet.integrators.compiled.loop import CompiledIntegration, loop_kernel
-from exunet.integrators.exudyn.stepper import Stepper
+from exunet.integrators.compiled.loop import CompiledStepper, loop_kernel
+from exunet.integrators.exudyn.stepper import ExudynStepper
 from exunet.methods.method import Method, Plan
 from exunet.plots.style import BLACK, BLUE, RED, blank, drawing
 from exunet.simulation.preparation import Start, prepare
@@ -73,10 +72,10 @@ def measure(meshes: int, backend: str) -> tuple[int, float, float]:
 def _advancing(start: Start, backend: str, plan: Plan) -> Callable[[float, float], object]:
     """advance(a, b): take the steps from one time [s] to another, without guards."""
     if backend == "compiled loop":
-        motion = CompiledIntegration(start.system, start.state, plan, loop_kernel(start.system))
-        return lambda a, b: motion.through(np.array([a, b]))
-    stepper = Stepper(start.system, start.state, plan, Unwatched())
-    return lambda _, b: stepper.advance(b)
+        motion = CompiledStepper(start.system, start.state, plan, loop_kernel(start.system), every=None)
+        return lambda _, b: motion.step([b])
+    stepper = ExudynStepper(start.system, start.state, plan)
+    return lambda _, b: stepper.step([b])
 
 
 def _bare(start: Start, steps: int) -> float:

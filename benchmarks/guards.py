@@ -24,7 +24,7 @@ import numpy as np
 
 from exunet.model.states import States
 from exunet.scene.casefile import load
-from exunet.simulation import monitor
+from exunet.simulation import observers
 from exunet.simulation import run as timeloop
 from exunet.simulation.guards import Floats, Guards, GuardValues
 from exunet.simulation.preparation import prepare
@@ -57,7 +57,7 @@ class Blind(Guards):
 
 @contextmanager
 def without_guards() -> Iterator[None]:
-    with mock.patch.object(monitor, "Guards", Blind):
+    with mock.patch.object(observers, "Guards", Blind):
         yield
 
 

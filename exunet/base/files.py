@@ -168,3 +168,14 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[s
     """Lines of a table, an empty one last."""
     escaped = ([cell.replace("|", "\\|") for cell in row] for row in rows)
     return [*(f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head), *escaped)), ""]
+
+
+def grouped(group: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Names of arrays with their group before them."""
+    return {f"{group}:{name}": values for name, values in arrays.items()}
+
+
+def group_of(group: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The arrays of a group by their own names."""
+    start = f"{group}:"
+    return {name[len(start) :]: values for name, values in arrays.items() if name.startswith(start)}

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from exunet.base.arguments import ShortRepr
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
-from exunet.base.files import path_of, read_arrays, write_arrays
+from exunet.base.files import group_of, grouped, path_of, read_arrays, write_arrays
 from exunet.bodies.port import PER_FRAME
 from exunet.coupling.net_system import Earlier, NetSystem, PortLoads, port_loops
-from exunet.simulation.snapshot import Snapshot, group_of, grouped
+from exunet.simulation.snapshot import Snapshot
 
 # Steps that are added at once: one at a time takes as long as the rest of a step, many hardly longer than
 # one.

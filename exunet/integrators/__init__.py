@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from exunet.integrators.protocol import Integrator, Observer
+from exunet.integrators.protocol import Stepper
 from exunet.methods.method import Backend, Plan
 from exunet.model.system import State, System
 
 
-def integrator(system: System, state: State, plan: Plan, observer: Observer) -> Integrator:
-    """Make the integrator of a plan at a state; raises MissingExtra if Numba is needed and absent."""
+def stepper_of(
+    system: System, state: State, plan: Plan, *, elements: bool = False, every_step: bool = False
+) -> Stepper:
+    """Make the stepper of a plan at a state; raises MissingExtra if Numba is needed and absent.
+
+    elements   : the largest tension of each element is observed
+    every_step : the state after each step is returned; Exudyn does so anyway
+    """
     if plan.backend == Backend.COMPILED:
-        from exunet.integrators.compiled.loop import CompiledLoop
+        from exunet.integrators.compiled.loop import OUTPUT_EVERY, CompiledStepper
 
-        return CompiledLoop(system, state, plan, observer)
-    from exunet.integrators.exudyn.stepper import Stepper
+        every = 1 if every_step else OUTPUT_EVERY
+        return CompiledStepper(system, state, plan, elements=elements, every=every)
+    from exunet.integrators.exudyn.stepper import ExudynStepper
 
-    return Stepper(system, state, plan, observer)
+    return ExudynStepper(system, state, plan)

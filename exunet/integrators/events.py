@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
 from typing import cast
@@ -10,30 +10,27 @@ from typing import cast
 import numpy as np
 
 from exunet.base.arrays import Floats
-from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.terms import Change, Seen, Switch, Watch
-from exunet.integrators.protocol import Arrays, Observer
+from exunet.integrators.protocol import Stepper
 from exunet.model.energy import total
 from exunet.model.system import System
 
 
-def _memories(name: str, change: Change) -> dict[str, Floats]:
+def memories_of(name: str, change: Change) -> dict[str, Floats]:
+    """Discrete states that an event of the term with this one changes."""
     awake = {} if change.awake is None else {AWAKE: change.awake}
     return {**change.others, name: change.memory, **awake}
 
 
 class Events:
-    """The memories of a scene's terms, and who changes them when.
+    """The switches of a scene's terms, which look at the state and the discrete states of a stepper.
 
-    memory   : the values of each memory now, by name
-    any      : True if there are any
+    any : True if there are any
     """
 
-    def __init__(self, system: System, memory: Arrays, observer: Observer) -> None:
-        self._system = system
-        self.memory = {name: np.array(values, dtype=float) for name, values in memory.items()}
-        self._observer = observer
+    def __init__(self, system: System, stepper: Stepper) -> None:
+        self._system, self._stepper = system, stepper
         self._switches: list[tuple[str, Switch]] = []
         self._sees: dict[str, tuple[str, ...]] = {}
         self._watch: tuple[str, Watch] | None = None
@@ -50,61 +47,58 @@ class Events:
         self.any = bool(self._switches)
 
     @property
-    def in_steps(self) -> bool:
-        """True if one may come at a time that is not known beforehand."""
-        return any(switch.in_steps(self._seen(name)) for name, switch in self._switches)
+    def memory(self) -> dict[str, Floats]:
+        """The discrete states now."""
+        return self._stepper.memory
 
     def _seen(self, name: str) -> Floats:
         """The memory of a term, followed by the inputs, or other memories, that its switch sees, and by the
         numbers that it observes.
         """
-        own, others = self.memory[name], self._sees[name]
+        memory = self.memory
+        own, others = memory[name], self._sees[name]
         reported = self._reported if self._watch is not None and name == self._watch[0] else ()
         if not others and not reported:
             return own
-        numbers = [self.memory[one][place] for one, place in reported]
-        return np.concatenate([own, *(self.memory[other] for other in others), numbers])
+        numbers = [memory[one][place] for one, place in reported]
+        return np.concatenate([own, *(memory[other] for other in others), numbers])
 
     @property
     def stopped(self) -> bool:
         """True if the run has been ended."""
-        return self._watch is not None and self._watch[1].stops(self.memory[self._watch[0]])
+        return self._watch is not None and self._watch[1].stops(self._stepper.memory[self._watch[0]])
 
     def is_due(self, time: float) -> bool:
         """True at the start of a run in which something is planned for then."""
-        return min(self._planned, default=np.inf) <= time
+        return self.any and min(self._planned, default=np.inf) <= time
 
     @property
     def _planned(self) -> Iterator[float]:
         """The instants that switches have planned."""
-        return chain.from_iterable(switch.instants(self.memory[name]) for name, switch in self._switches)
+        memory = self.memory
+        return chain.from_iterable(switch.instants(memory[name]) for name, switch in self._switches)
 
     @property
     def watches(self) -> bool:
         """True while conditions are watched, whose crossings are to be located in steps."""
         return self._watch is not None and self._watch[1].in_steps(self.memory[self._watch[0]])
 
-    @property
-    def watch(self) -> Watch | None:
-        """What watches, if anything does."""
-        return None if self._watch is None else self._watch[1]
-
-    def seen(
-        self, time: Floats, x: Floats, v: Floats, reported: Floats | None = None, mean: Floats | None = None
-    ) -> Seen:
-        """States at the ends of steps (k,), as what watches gets them.
-
-        reported, mean : see `Seen`; without reported: of one state, with the present memories
-        """
+    def now(self) -> Seen:
+        """The state reached, as what watches gets it."""
         assert self._watch is not None
         memory = self._seen(self._watch[0])
-        reported = memory[None, len(memory) - len(self._reported) :] if reported is None else reported
-        return Seen(time, x, v, memory, reported, mean)
+        x, v = self._stepper.flat()
+        reported = memory[None, len(memory) - len(self._reported) :]
+        return Seen(np.array([self._stepper.time]), x[None].copy(), v[None].copy(), memory, reported)
 
     def comes_true(self, steps: Seen) -> int | None:
-        """See `Watch.comes_true`."""
+        """See `Watch.comes_true`; accepted steps in which no condition does are remembered."""
         assert self._watch is not None
-        return self._watch[1].comes_true(steps)
+        steps = steps._replace(memory=self._seen(self._watch[0]))
+        first = self._watch[1].comes_true(steps)
+        if first is None:
+            self.steps_done(steps)
+        return first
 
     def crossing(self, begin: Seen, end: Seen) -> float | None:
         """See `Watch.crossing`."""
@@ -121,31 +115,11 @@ class Events:
 
     @property
     def kept(self) -> dict[str, Floats]:
-        """The memories that change at the end of steps without an event, as copies."""
-        if self._watch is None:
-            return {}
-        return {self._watch[0]: self.memory[self._watch[0]].copy()}
-
-    def report(
-        self, time: float, remembered: Iterable[tuple[str, Floats]], flush: Callable[[], None]
-    ) -> None:
-        """Report to the observer what memories without events are at a time [s]; raises what it raises.
-
-        remembered : those that forces change, with their names
-        flush  : lets the observer see the states so far; it knows which of them are good
-        """
-        kept = {name: values.copy() for name, values in remembered} | self.kept
-        if not kept:
-            return
-        try:
-            self._observer.remembered(time, kept)
-        except RunStopped:
-            flush()
-            raise
-
-    def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
-        """All memories once a change of one has come into force."""
-        return self.memory | _memories(name, change)
+        """Copies of the discrete states that change at the end of steps, with an event or without."""
+        kept = self._stepper.kept
+        if self._watch is not None:
+            kept[self._watch[0]] = self.memory[self._watch[0]].copy()
+        return kept
 
     def _at_rest(self, change: Change, v: Floats) -> Change:
         """What goes to sleep has no velocity."""
@@ -162,8 +136,9 @@ class Events:
         if change.energy_lost is not None:
             return change
         after = x if change.x is None else change.x, v if change.v is None else change.v
-        before = total(self._system, time, x, v, self.memory)
-        lost = before - total(self._system, time, *after, self.memory_after(name, change))
+        memory = self.memory
+        before = total(self._system, time, x, v, memory)
+        lost = before - total(self._system, time, *after, memory | memories_of(name, change))
         first = self._system.blocks.n_x - self._system.blocks.n_states
         given = float(self._system.given_work(after[0][first:] - x[first:]))
         own = lost + given  # what a guide gives with the event is in the guide's books
@@ -174,23 +149,33 @@ class Events:
 
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or of a knot of a guide, or `until` [s]."""
-        times = (time for _, switch in self._switches for time in switch.times)
-        every = chain(times, self._planned, self._system.kinematics.knots)
+        every: Iterable[float] = self._system.kinematics.knots
+        if self.any:
+            times = (time for _, switch in self._switches for time in switch.times)
+            every = chain(times, self._planned, every)
         return min((time for time in every if after < time < until), default=until)
 
-    def step_within(self, step: float, least: float, x: Floats, v: Floats) -> float:
+    def shortened(self, step: float, least: float) -> float:
         """A step [s] that ends near what would happen next; see `Switch.step_within`."""
+        if not any(switch.in_steps(self._seen(name)) for name, switch in self._switches):
+            return step
+        x, v = self._stepper.flat()
         for name, switch in self._switches:
             step = switch.step_within(step, least, x, v, self._seen(name))
         return step
 
+    def happen(self) -> bool:
+        """True if something is due at the end of the last step."""
+        (x, v), time = self._stepper.flat(), self._stepper.time
+        return any(len(switch.crossed(time, x, v, self._seen(name))) for name, switch in self._switches)
+
     def at(self, time: float, x: Floats, v: Floats) -> Iterator[tuple[str, Change]]:
-        """What happens at the end of an accepted step; memories change, and the observer is notified.
+        """What happens at the end of an accepted step; the caller lets each change act before the next.
 
         Terms come in their order, the constraint last; a switch is asked again at once if its change says so,
         and those before the script whose memories it has changed once it is done.
 
-        x, v : changed by the integrator after each event, so that the next one acts on the new state
+        x, v : changed by the caller after each event, so that the next one acts on the new state
         """
         for k, (name, switch) in enumerate(self._switches):
             others = set[str]()
@@ -209,10 +194,5 @@ class Events:
         while more and not self.stopped and len(items := switch.crossed(time, x, v, self._seen(name))):
             change = switch.change(time, x, v, self._seen(name), items, self.memory)
             change = self._booked(self._at_rest(change, v), name, time, x, v)
-            if change.stops:
-                self._observer.ends(time)
-            yield change  # the integrator hands over the states before first
-            self.memory |= _memories(name, change)
-            if not change.quiet:
-                self._observer.changed(time, name, change)
+            yield change
             more = change.more

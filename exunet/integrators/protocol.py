@@ -1,8 +1,8 @@
-"""What every integrator offers and reports; its user need not know which one it is."""
+"""Protocol of a stepper, which takes a system through time and knows no observer."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.bodies.port import Piece
-from exunet.forces.terms import Change
+from exunet.forces.terms import Change, Memories, Seen
 from exunet.model.states import States
 from exunet.model.system import Moving, State
 
@@ -26,11 +26,11 @@ class Largest(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """The largest and least values of all steps of one `advance`, for integrators that do not hand over each.
+    """The largest and least values of steps, for steppers that do not return each.
 
-    elastic, kinetic : largest elastic and least kinetic energy [J]
-    largest          : the largest tension of each group of elements (`Net.spans`)
-    of_elements      : (n_elements,) of each element [N], of steps before too; for observers that ask for it
+    elastic, kinetic : largest elastic and least kinetic energy [J] of the steps of a call
+    largest          : the largest tension of each group of elements (`Net.spans`), of earlier steps too
+    of_elements      : (n_elements,) of each element [N], likewise; empty unless they are asked for
     """
 
     elastic: float
@@ -39,35 +39,17 @@ class Extremes(NamedTuple):
     of_elements: Floats
 
 
-class Observer(Protocol):
-    """Who looks at a run; an exception that it raises comes out of `Integrator.advance` unchanged.
+class Steps(NamedTuple):
+    """Accepted steps of a call of `Stepper.step`; the next call may overwrite the arrays.
 
-    asks_for_elements : it wants to know the largest tension of each element
+    states   : at the ends of the steps that are returned
+    extremes : of all steps; None: all are returned
+    watched  : what conditions look at of every step; None: `until_true` was called at the end of each
     """
 
-    asks_for_elements: bool
-
-    def take(self, states: States) -> None:
-        """States of accepted steps, later than `advance` has gone there but before the end of the run.
-
-        The first is the last of those before.
-        """
-
-    def between(self, until: float, extremes: Extremes) -> None:
-        """What the steps to `until` [s] reached between the states of batches."""
-
-    def changed(self, time: float, memory: str, change: Change) -> None:
-        """An event has changed a memory; no batch has states from before and after it."""
-
-    def ends(self, time: float) -> None:
-        """An event ends the run at a time [s], whose state is to be stored."""
-
-    def remembered(self, time: float, memory: Arrays) -> None:
-        """The memories (copies) that steps change themselves, at the end [s] of an `advance`.
-
-        Raises RunStopped where they say that something went wrong; the integrator then hands over the states
-        that it has, before it lets that pass.
-        """
+    states: States
+    extremes: Extremes | None = None
+    watched: Seen | None = None
 
 
 @dataclass
@@ -85,15 +67,22 @@ class StepCounts:
 
 
 class IntegrationFailed(Exception):
-    """The integrator gave up; its own words."""
+    """The stepper gave up; its own words.
+
+    steps : those accepted before, of the same call
+    """
+
+    def __init__(self, words: str, steps: Steps | None = None) -> None:
+        super().__init__(words)
+        self.steps = steps
 
 
 class StepsCollapsed(IntegrationFailed):
     """No step is small enough for the tolerance; a tighter one cannot help."""
 
 
-class Integrator(Protocol):
-    """Advances a system in time. Made at a state, ready to continue from it."""
+class Stepper(Protocol):
+    """Takes a system through time. Made at a state, ready to continue from it."""
 
     @property
     def time(self) -> float:
@@ -104,51 +93,79 @@ class Integrator(Protocol):
 
     @property
     def can_restart(self) -> bool:
-        """True if a run from a snapshot repeats to the last bit what followed when it was taken."""
+        """True if a run from saved arrays repeats to the last bit what followed when they were saved."""
 
     @property
     def items(self) -> dict[str, int]:
         """Items of the engine by kind; none for the compiled loop."""
 
     @property
-    def stopped(self) -> bool:
-        """True once an event has ended the run, at the time reached."""
+    def memory(self) -> dict[str, Floats]:
+        """All discrete states at the time reached; the next step may change the arrays."""
 
-    def advance(self, until: float) -> None:
-        """Integrate to `until` [s] exactly; events on the way change the memory, and one may end the run.
+    @property
+    def kept(self) -> dict[str, Floats]:
+        """Copies of the discrete states that steps change."""
 
-        Raises IntegrationFailed, what the observer raises, or KeyboardInterrupt on Ctrl-C.
+    def flat(self) -> tuple[Floats, Floats]:
+        """The state reached as x and v, see `exunet.forces.blocks`."""
+
+    def step(
+        self, times: Sequence[float], most: int | None = None, until_true: Callable[[], bool] | None = None
+    ) -> Steps:
+        """Integrate to the last of the times [s] exactly, or end early at the end of a step.
+
+        Parameters
+        ----------
+        times : sequence of float
+            One time, or several for a compiled stepper that returns the states at these alone.
+        most : int, optional
+            Number of steps, where conditions are watched, or one without a condition. A limit for the
+            compiled loop alone, which may return earlier.
+        until_true : callable, optional
+            Test at the end of each accepted step, where the step ends the call; the compiled loop knows by
+            its kernel.
+
+        Raises
+        ------
+        IntegrationFailed
+            With the steps before.
+        KeyboardInterrupt
+            On Ctrl-C.
         """
 
-    def flush(self) -> None:
-        """Let the observer see the states that it has not seen."""
+    def change(self, change: Change, memory: Memories) -> None:
+        """Let an event act: its state, and all discrete states after it."""
 
     def state(self) -> State:
         """The state reached, as copies."""
-
-    def push(self, force: Floats) -> None:
-        """Forces (n_points, 3) [N] from outside on the points, constant from now on."""
-
-    def set_inputs(self, inputs: Arrays) -> None:
-        """Values (m,) of inputs by name, from now on."""
-
-    def steer(self, port: str, piece: Piece) -> None:
-        """Let a port go along a piece, which begins where it is at the time reached.
-
-        Raises InputError if the integrator has no ports, or none of this name.
-        """
-
-    def steered(self, port: str) -> Piece:
-        """The last piece that a port was given; raises InputError as `steer`."""
 
     def view(self) -> State:
         """The state reached; its arrays may be those that the next step changes."""
 
     def moving(self) -> Moving:
-        """As `view`, without time and memories."""
+        """As `view`, without time and discrete states."""
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """All that the next step depends on, as copies, and the states that are not flushed yet."""
+    def push(self, force: Floats) -> None:
+        """Set external forces (n_points, 3) [N] on the points, constant from now on."""
 
-    def restore(self, arrays: Arrays) -> None:
-        """Go back to a snapshot of the same scene and plan; what follows is bitwise the same."""
+    def set_inputs(self, inputs: Arrays) -> None:
+        """Set values (m,) of inputs by name, from now on."""
+
+    def steer(self, port: str, piece: Piece) -> None:
+        """Let a port go along a piece, which begins where it is at the time reached.
+
+        Raises InputError if the stepper has no ports, or none of this name.
+        """
+
+    def steered(self, port: str) -> Piece:
+        """The last piece that a port was given; raises InputError as `steer`."""
+
+    def save(self) -> dict[str, NDArray[Any]]:
+        """All that the next step depends on, as copies."""
+
+    def load(self, arrays: Arrays, rejected: int | None = None) -> None:
+        """Go back to what `save` gave in the same scene and plan; what follows is bitwise the same.
+
+        rejected : number of rejected steps from now on, where the last step is taken back to repeat it
+        """

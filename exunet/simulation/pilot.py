@@ -22,20 +22,20 @@ import numpy as np
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import RunStopped
-from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import Law, elastic_energy, element_tension, lengths, spans
-from exunet.forces.terms import Change
-from exunet.integrators.compiled.loop import CompiledLoop, loop_kernel
-from exunet.integrators.protocol import Arrays, Extremes, IntegrationFailed
+from exunet.integrators.compiled.loop import CompiledStepper, loop_kernel
+from exunet.integrators.protocol import IntegrationFailed
 from exunet.kernels.compile import numba_installed
 from exunet.kernels.kernel import Kernel
 from exunet.methods.method import METHODS, Method, Plan
 from exunet.model.limits import SAFETY, largest_damping_rate, largest_frequency, stable_step
-from exunet.model.states import States
 from exunet.model.system import State, System
 from exunet.net.arrays import Net
 from exunet.scene.scene import Scene
+from exunet.simulation.block import Observed
 from exunet.simulation.guards import LEAST_ENERGY, Guards
+from exunet.simulation.integrate import Integration
+from exunet.simulation.observers import Observer, Observers
 
 # Largest part of the stable step for metrics. Undamped, the paper's net has energy errors of 0.003, 0.023 and
 # 0.049 at 0.1, 0.2 and 0.3 of its stable step (to 2 s), of 0.005, 0.008 and 0.031 with meshes of 0.5 m. A net
@@ -172,28 +172,25 @@ def step_pilot_excluded(scene: Scene) -> str:
 def _error(plan: Plan, system: System, state: State, times: Floats, kernel: Kernel) -> float:
     """Run a pilot; return the largest error of its energy balance over the scale, infinite if it stopped."""
     balance = _Balance(system, state)
-    loop = CompiledLoop(system, state, plan, balance, kernel)
+
+    def make(state: State, plan: Plan) -> CompiledStepper:
+        return CompiledStepper(system, state, plan, kernel)
+
+    run = Integration(system, state, plan, make, Observers(system, state, {"balance": balance}))
     try:
-        for until in times[1:].tolist():
-            loop.advance(until)
-            loop.flush()
-            if loop.stopped:
-                break
+        run.go(times[1:].tolist(), run.settle)
     except (RunStopped, IntegrationFailed):
         return math.inf
     return balance.error
 
 
-class _Balance:
-    """Observer of a pilot run (see `exunet.integrators.protocol.Observer`), flushed at stored times.
+class _Balance(Observer):
+    """Observer of a pilot run; sees the last state of each block.
 
     off : largest error of the energy balance so far [J]
     """
 
-    asks_for_elements = False
-
     def __init__(self, system: System, state: State) -> None:
-        self._system, self._memory = system, dict(state.memory)
         self._guards = Guards(system, state)
         self._left = system.lost_at_start + float(system.given_work(state.first_order))
         self.off = 0.0
@@ -205,23 +202,12 @@ class _Balance:
             return self.off / scale
         return 0.0 if self.off <= LEAST_ENERGY else math.inf
 
-    def take(self, states: States) -> None:
-        assert states.taken is not None  # the compiled loop sums it
-        x, v = states.x[-1:], states.v[-1:]
-        now = States(self._system, states.time[-1:], x, v, self._memory)
-        look = self._guards.look(now, self._left + states.taken[-1:] - now.given_work)
+    def observe(self, steps: Observed) -> None:
+        now = steps.states[-1:]
+        assert now.taken is not None  # the compiled loop sums it
+        look = self._guards.look(now, self._left + now.taken - now.given_work)
         self._guards.accept(look, 0)
         off = float(abs(look.balance[0] + look.of_bodies[0]))
         if off <= look.round_off[0]:
             return
         self.off = max(self.off, off) if math.isfinite(off) else math.inf
-
-    def between(self, until: float, extremes: Extremes) -> None: ...
-
-    def ends(self, time: float) -> None: ...
-
-    def remembered(self, time: float, memory: Arrays) -> None: ...
-
-    def changed(self, time: float, memory: str, change: Change) -> None:
-        awake = {} if change.awake is None else {AWAKE: change.awake}
-        self._memory = {**self._memory, **change.others, memory: change.memory, **awake}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,9 @@ from exunet.bodies.rigid import in_frames
 from exunet.bodies.shapes import packed
 from exunet.forces.effects.gravity import Gravity
 from exunet.forces.effects.orbit import Orbit
+from exunet.forces.terms import Memories, Series
 from exunet.integrators.exudyn.engine import exudyn_version
-from exunet.integrators.protocol import StepCounts
+from exunet.integrators.protocol import Arrays, StepCounts
 from exunet.methods.method import Plan
 from exunet.model.ejection import HELD
 from exunet.model.states import States
@@ -50,7 +52,8 @@ from exunet.results.run_record import (
 )
 from exunet.results.store import MemoryStore, RowStore
 from exunet.scene.script import awaited_entries, drive_of, ejects
-from exunet.simulation.monitor import DiscreteSeries, ElementPeaks, Envelope, Monitor, series_of
+from exunet.simulation.block import Observed
+from exunet.simulation.observers import Balance, Event, EventLog, Record, RunningExtremes
 from exunet.simulation.preparation import Start
 
 DISK_COPIES = 2  # of the stored states, while they are written into the result at the end of a run
@@ -77,14 +80,14 @@ def _fixed_to(system: System, number: int) -> NDArray[np.int64] | None:
     return nodes if len(nodes) else None
 
 
-def columns_of(system: System, *, every_step: bool = True) -> tuple[Column, ...]:
-    """Return the columns that are stored of each state; every_step: as of `Recorder`."""
+def columns_of(system: System, *, stores_energies: bool = True) -> tuple[Column, ...]:
+    """Return the columns that are stored of each state; stores_energies: as of `Recorder`."""
     declared = declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system))
     optional = {PATHS[name] for name in OPTIONAL}
     states = (state_column(state.name, len(state.initial), state.units) for state in system.blocks.states)
     series = (state_column(one.key, one.size, one.units) for _, one in series_of(system))
     return (
-        *(column for column in declared if every_step or column.path not in optional),
+        *(column for column in declared if stores_energies or column.path not in optional),
         *states,
         *series,
     )
@@ -115,14 +118,30 @@ def validate_memory(what: str, needed: int) -> None:
         raise InputError(f"{needs}: use fewer, or set {MEMORY_VARIABLE}")
 
 
-class Recorder:
-    """Record of a run over all its attempts: stored states as rows, and what the result has beside them.
+def series_of(system: System) -> tuple[tuple[str, Series], ...]:
+    """Return the recorded entries of discrete states of a system, each with the name of its state."""
+    memories = (term.memory for term in system.forces.memories)
+    return tuple(
+        (memory.name, series) for memory in memories if memory is not None for series in memory.series
+    )
+
+
+class _Waiting(NamedTuple):
+    """Marked states that are not appended yet; intervals, memories : those of `Observed`, of each."""
+
+    states: States
+    dissipated: Floats
+    intervals: Floats
+    memories: list[Memories]
+
+
+class Recorder(Record):
+    """Record of a run over all its attempts: marked states as rows, and what the result has beside them.
 
     times    : (n,) of the states to be stored [s]
-    every_step : False without extremes of all steps: of energies, and of the tension of each element
-    envelope : extremes of the energies of all steps
-    element_peaks : largest tensions of all steps
-    series   : discrete states at the stored times
+    stores_energies : False without extremes of all steps: of energies, and of the tension of each element
+    extremes : observer of largest tensions and, by stores_energies, of energies of all steps
+    balance, log : observers of the energy and of events
     record   : what the result records of the run so far
     """
 
@@ -132,67 +151,84 @@ class Recorder:
         case: CaseText | None = None,
         store: RowStore | None = None,
         *,
-        every_step: bool = True,
+        stores_energies: bool = True,
     ) -> None:
         self._start = start
         self.times = start.scene.time.stored_times
-        self.every_step = every_step
-        self.envelope = Envelope(self.times)
-        self.element_peaks = ElementPeaks(self.times, start.net.n_elements)
-        self.series = DiscreteSeries(start.system, start.state)
+        self.stores_energies = stores_energies
+        self.extremes = RunningExtremes(start.system, stores=stores_energies)
+        self.balance, self.log = Balance(start.system, start.state), EventLog(start.system)
+        self._series = series_of(start.system)
         self.rows: RowStore = (
-            MemoryStore(columns_of(start.system, every_step=every_step)) if store is None else store
+            MemoryStore(columns_of(start.system, stores_energies=stores_energies)) if store is None else store
         )
         row_bytes = sum(column.row_bytes for column in self.rows.columns)
         self._batch = max(1, min(_BATCH, _BATCH_BYTES // max(1, row_bytes)))
         self.record = replace(initial_record(start), case=case or CaseText())
-        self._waiting: list[tuple[States, Floats]] = []
-        self._n_waiting = 0
+        self._waiting: list[_Waiting] = []
         self._last = np.zeros((0, 2))  # elastic and kinetic energy of the last row [J]
-        if len(self.rows):
-            stored = (self.rows.read(f"energy/{name}", len(self.rows) - 1, len(self.rows)) for name in _LAST)
-            self._last = np.stack(list(stored), axis=-1)
+        self._read_last()
 
     def __len__(self) -> int:
         return len(self.rows) + self._n_waiting
 
     @property
+    def _n_waiting(self) -> int:
+        return sum(len(part.states) for part in self._waiting)
+
+    @property
     def until(self) -> float:
         """The last stored time [s]."""
         if self._waiting:
-            return float(self._waiting[-1][0].time[-1])
+            return float(self._waiting[-1].states.time[-1])
         return float(self.rows.read("time", len(self.rows) - 1, len(self.rows))[0])
 
-    def store(self, states: States, dissipated: Floats, *, again: bool = False) -> None:
-        """Add states to be stored, with their dissipated energy (k,) [J]; `flush` appends them.
+    def observe(self, steps: Observed) -> None:
+        """Store the marked states."""
+        if steps.marks:
+            rows = np.array(steps.marks)
+            states, dissipated = steps.states[rows], steps.dissipated[rows]
+            self._waiting.append(_Waiting(states, dissipated, self.extremes.intervals, steps.memories))
 
-        again : a state in place of the last one, which still waits
-        """
-        if again:
-            before, energy = self._waiting.pop()
-            self._n_waiting -= 1
-            if len(before) > 1:
-                self._waiting.append((before[:-1], energy[:-1]))
-        self._waiting.append((states, dissipated))
-        self._n_waiting += len(states)
+    def changed(self, event: Event) -> None:
+        """Store the state after an event in place of the last, if it is of the same time."""
+        if (event.change.x is None and event.change.v is None) or self.until != event.time:
+            return
+        last = self._waiting.pop()
+        if len(last.states) > 1:
+            before = _Waiting(last.states[:-1], last.dissipated[:-1], last.intervals[:-1], last.memories[:-1])
+            self._waiting.append(before)
+        dissipated = np.array([self.balance.dissipated])
+        assert event.after is not None
+        self._waiting.append(_Waiting(event.after, dissipated, last.intervals[-1:], last.memories[-1:]))
+
+    def save(self) -> dict[str, NDArray[Any]]:
+        return {"rows": np.array([len(self)])}
+
+    def load(self, arrays: Arrays) -> None:
+        self.flush()
+        number = int(arrays["rows"][0])
+        if number < len(self):
+            self.rows.drop_after(number)
+            self._read_last()
+
+    def _read_last(self) -> None:
+        """Read the energies of the last row."""
+        number = len(self.rows)
+        stored = (self.rows.read(f"energy/{name}", number - 1, number) for name in _LAST)
+        self._last = np.stack(list(stored), axis=-1) if number else np.zeros((0, 2))
 
     def flush(self, *, all_of_them: bool = True) -> None:
-        """Append the states that wait as one batch; the envelope must have all steps until then."""
+        """Append the states that wait as one batch."""
         if not self._waiting or (not all_of_them and self._n_waiting < self._batch):
             return
-        first, parts = len(self.rows), []
-        for states, dissipated in self._waiting:
-            parts.append(self._rows(first, states, dissipated))
-            first += len(states)
+        parts = [self._rows(waiting) for waiting in self._waiting]
         self.rows.append({path: np.concatenate([part[path] for part in parts]) for path in parts[0]})
-        self._forget_waiting()
-
-    def _forget_waiting(self) -> None:
         self._waiting.clear()
-        self._n_waiting = 0
 
-    def _rows(self, first: int, states: States, dissipated: Floats) -> dict[str, Floats]:
-        """Rows of states, the first of which has this number."""
+    def _rows(self, waiting: _Waiting) -> dict[str, Floats]:
+        """Rows of states."""
+        states, dissipated, intervals, memories = waiting
         net, blocks = self._start.net, self._start.system.blocks
         rows = {
             "time": states.time,
@@ -207,10 +243,11 @@ class Recorder:
             "momentum/linear": states.momentum,
             "momentum/angular": states.angular_momentum,
         }
-        if self.every_step:
+        if self.stores_energies:
             energies = np.stack([states.elastic, states.kinetic], axis=-1)
-            around = np.concatenate([self._last if len(self._last) else energies[:1], energies])
-            largest, least = self.envelope.around(first, around[:, 0], around[:, 1])
+            before = np.concatenate([self._last if len(self._last) else energies[:1], energies[:-1]])
+            largest = np.maximum(intervals[:, 0], np.maximum(energies[:, 0], before[:, 0]))
+            least = np.minimum(intervals[:, 1], np.minimum(energies[:, 1], before[:, 1]))
             rows |= {"energy/largest_elastic": largest, "energy/least_kinetic": least}
             self._last = energies[-1:]
         for name, k in blocks.body.items():
@@ -224,24 +261,10 @@ class Recorder:
         for state in blocks.states:
             rows[STATES + state.name] = states.first_order[:, at : at + len(state.initial)]
             at += len(state.initial)
-        seen, at = self.series.at(states.time), 0
-        for _, series in series_of(self._start.system):
-            rows[f"{STATES}{series.key}"] = seen[:, at : at + series.size]
-            at += series.size
+        for name, series in self._series:
+            own = np.arange(series.place, series.place + series.size)  # from the end if negative
+            rows[f"{STATES}{series.key}"] = np.array([memory[name][own] for memory in memories])
         return rows
-
-    def go_back(self, time: float) -> None:
-        """Drop the states after a stored time [s]."""
-        self.flush()
-        stored = self.rows.read("time", 0, len(self.rows))
-        self.drop_after(int(np.searchsorted(stored, time, side="right")))
-
-    def drop_after(self, number: int) -> None:
-        """Keep the first states."""
-        self._forget_waiting()
-        self.rows.drop_after(number)
-        stored = (self.rows.read(f"energy/{name}", number - 1, number) for name in _LAST)
-        self._last = np.stack(list(stored), axis=-1) if number else np.zeros((0, 2))
 
     def built(self, items: dict[str, int], seconds: float) -> None:
         """Record the items of the engine and the time of their construction [s]."""
@@ -273,22 +296,22 @@ class Recorder:
         """Restore plan and retries of a record."""
         self.record = replace(self.record, plan=record.plan, retries=record.retries)
 
-    def finish(self, verdict: str, monitor: Monitor) -> RunRecord:
+    def finish(self, verdict: str) -> RunRecord:
         """Append the states that wait and return the record for the result; verdict: "ok", or the error."""
         self.flush()
         self.record = replace(
             self.record,
             verdict=verdict,
-            largest_tensions=monitor.peaks.of_groups(),
-            peak_tensions_N=self.element_peaks.largest.tolist() if self.every_step else None,
-            energy_scale_J=monitor.energy_scale,
-            events=tuple(monitor.events),
+            largest_tensions=self.extremes.of_groups(),
+            peak_tensions_N=self.extremes.elements.tolist() if self.stores_energies else None,
+            energy_scale_J=self.balance.energy_scale,
+            events=tuple(self.log.events),
         )
         return self.record
 
-    def result(self, verdict: str, monitor: Monitor) -> Result:
+    def result(self, verdict: str) -> Result:
         """Return the result so far; complete if the verdict is "ok"."""
-        bodies, record = constants_of_bodies(self._start.system), self.finish(verdict, monitor)
+        bodies, record = constants_of_bodies(self._start.system), self.finish(verdict)
         return result_of_rows(self.rows, self._start.net, bodies, record, "the run")
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from exunet.base.arguments import takes
-from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
@@ -126,7 +125,7 @@ class Checkpoints:
     @property
     def _requested_by_script(self) -> int:
         """Number of checkpoints that the script of the case has requested."""
-        events = self._simulation.monitor.events
+        events = self._simulation.log.events
         return sum(isinstance(event, ScriptEvent) and event.event == "checkpoint" for event in events)
 
     def __call__(self) -> None:
@@ -180,11 +179,11 @@ def simulate(start: Start, case: CaseText | None = None, progress: Progress | No
     try:
         drive(simulation, recorder, progress)
     except RunStopped as stop:
-        _complete(simulation, recorder, stop)
-        stop.result = recorder.result(str(stop), simulation.monitor)
+        _complete(simulation, recorder)
+        stop.result = recorder.result(str(stop))
         raise
     _complete(simulation, recorder)
-    return recorder.result("ok", simulation.monitor)
+    return recorder.result("ok")
 
 
 def drive(
@@ -198,45 +197,34 @@ def drive(
     checkpoint : called after each stored time
     Ctrl-C acts between steps, so that it does not interrupt the storing of a state.
     """
-    try:
-        with postponed():
-            _through(simulation, recorder.times, progress, checkpoint)
-    except KeyboardInterrupt:  # after the last step, or out of `progress`
-        raise simulation.interrupted() from None
-
-
-def _through(
-    simulation: Simulation, times: Floats, progress: Progress | None, checkpoint: Callable[[], None] | None
-) -> None:
-    def tell() -> None:
-        if progress is not None:
-            progress(simulation.time, simulation.counts.right_hand_sides, simulation.monitor.phase)
-
-    tell()
     shown = 0.0
-    while True:
-        if simulation.stopped and simulation.finish():
-            return
-        ahead = int(times.searchsorted(simulation.time, side="right"))
-        if ahead == len(times):
-            if simulation.finish():
-                return
-            continue
-        if not simulation.attempt(float(times[ahead])):
-            continue
+
+    def tell() -> None:
+        nonlocal shown
+        if progress is not None:
+            progress(simulation.time, simulation.counts.right_hand_sides, simulation.log.phase)
+        shown = clock.monotonic()
+
+    def stopped() -> None:
         if checkpoint is not None:
             checkpoint()
         if progress is not None and clock.monotonic() - shown > _SHOWN:
             tell()
-            shown = clock.monotonic()
+
+    try:
+        with postponed():
+            tell()
+            times = recorder.times[recorder.times > simulation.time].tolist()
+            simulation.run.go(times, stopped, settle=True)
+    except KeyboardInterrupt:  # after the last step, or out of `progress`
+        raise simulation.run.interrupted() from None
 
 
-def _complete(simulation: Simulation, recorder: Recorder, stop: RunStopped | None = None) -> None:
-    """Complete the record: what the run cost and where it ends."""
+def _complete(simulation: Simulation, recorder: Recorder) -> None:
+    """Complete the record: what the run cost."""
     recorder.flush()
-    recorder.integrated(*simulation.spent())
-    if stop is not None:
-        simulation.monitor.forget_after(recorder.until)
+    recorder.integrated(simulation.counts, simulation.run.seconds)
+    recorder.record = replace(recorder.record, observed=simulation.run.observers.report())
 
 
 def run_into(
@@ -348,8 +336,8 @@ def _into(
             drive(simulation, recorder, progress, files)
         except RunStopped as stop:
             failure = stop
-        _complete(simulation, recorder, failure)
-        record = recorder.finish("ok" if failure is None else str(failure), simulation.monitor)
+        _complete(simulation, recorder)
+        record = recorder.finish("ok" if failure is None else str(failure))
         net, bodies = simulation.start.net, constants_of_bodies(simulation.start.system)
         place = waiting_place(folder) if has_result(folder) else folder
         with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost

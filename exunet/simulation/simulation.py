@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,14 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.base.arguments import finite_number, shown
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
-from exunet.base.run_events import tagged, untagged
+from exunet.base.files import group_of, grouped
 from exunet.base.times import reached
 from exunet.bodies.port import Piece
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.corner_units import Function
 from exunet.forces.reel import command_name
-from exunet.integrators.protocol import StepCounts
+from exunet.integrators import stepper_of
+from exunet.integrators.protocol import StepCounts, Stepper
 from exunet.methods.method import Method, Plan
 from exunet.model.states import States
 from exunet.model.system import Moving, State
@@ -31,10 +33,11 @@ from exunet.results.run_record import Peak, RunRecord, largest_of
 from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import ActiveController, Controller
+from exunet.simulation.integrate import Integration
+from exunet.simulation.observers import Balance, EventLog, Observer, Observers, RunningExtremes
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.recorder import Recorder
-from exunet.simulation.rollback import Attempts
-from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity, validate_snapshot
+from exunet.simulation.snapshot import Snapshot, identity, validate_snapshot
 
 
 class Energies(NamedTuple):
@@ -87,7 +90,13 @@ class BodyState:
         return None if self.attitude is None else rotation_matrix(self.attitude)
 
 
-class Simulation(Attempts):
+# Observers of each simulation: "package.module:Class", made with the system and its first state, by name.
+OBSERVERS: dict[str, str] = {
+    # as in docs/extending.md
+}
+
+
+class Simulation:
     """Simulation of one case, stepped by its caller.
 
         sim = Simulation("case.toml")
@@ -129,11 +138,27 @@ class Simulation(Attempts):
         start = with_wrenches(start_of(case, overrides), wrenches)
         if not isinstance(recorder, Recorder | None):
             raise InputError(f"recorder: must be a Recorder or None, got {shown(recorder)}")
-        super().__init__(start if controller is None else start.with_controller(controller), recorder)
+        self._start = start = start if controller is None else start.with_controller(controller)
+        self._recorder = recorder
+        self.balance, self.log, self.extremes = (
+            (Balance(start.system, start.state), EventLog(start.system), RunningExtremes(start.system))
+            if recorder is None
+            else (recorder.balance, recorder.log, recorder.extremes)
+        )
+
+        own: dict[str, Observer] = {"log": self.log, "extremes": self.extremes}
+        own |= {name: resolve_name(path)(start.system, start.state) for name, path in OBSERVERS.items()}
+        observers = Observers(start.system, start.state, own, self.balance, recorder)
+        shows = {"elements": recorder is not None, "every_step": observers.every_step}
+
+        def make(state: State, plan: Plan) -> Stepper:
+            return stepper_of(start.system, state, plan, **shows)
+
+        retries = start.scene.solver.retry
+        self.run = Integration(start.system, start.state, start.plan, make, observers, retries=retries)
         self._control: ActiveController | None = None
         if recorder is not None and not len(recorder):
-            first = States.of(self._start.system, self._start.state)
-            recorder.store(first, np.array([self._monitor.dissipated]))
+            observers.start()
         self._first = self.snapshot() if recorder is None and self.can_restart else None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -141,9 +166,28 @@ class Simulation(Attempts):
         return _continued, (self._start, self._recorder, self._control, self.snapshot())
 
     @property
+    def time(self) -> float:
+        """Present time [s]."""
+        return self.run.time
+
+    @property
+    def plan(self) -> Plan:
+        """Plan of integration; finer after a retry."""
+        return self.run.plan
+
+    @property
+    def counts(self) -> StepCounts:
+        """Steps and force evaluations so far, of all attempts."""
+        return self.run.counts
+
+    def settle(self) -> None:
+        """Check all states; if steps failed, return to this time with finer steps."""
+        self.run.settle()
+
+    @property
     def stopped(self) -> bool:
         """True once the script of the case has ended the run."""
-        return self._integrator.stopped
+        return self.run.stopped
 
     @property
     def start(self) -> Start:
@@ -154,7 +198,7 @@ class Simulation(Attempts):
     def state(self) -> State:
         """Whole state (copies)."""
         self.settle()
-        return self._integrator.state()
+        return self.run.stepper.state()
 
     @property
     def view(self) -> State:
@@ -163,19 +207,19 @@ class Simulation(Attempts):
         Bodies by principal axes and centres of mass, as integrated; velocities of attached nodes may be those
         of a stage (`state` has the present ones).
         """
-        return self._integrator.view()
+        return self.run.stepper.view()
 
     @property
     def moving(self) -> Moving:
         """Continuous part of `view`."""
-        return self._integrator.moving()
+        return self.run.stepper.moving()
 
     @property
     def energy(self) -> Energies:
         """Present energies."""
         now = States.of(self._start.system, self.state)
         kinetic, elastic, potential = (float(part[0]) for part in (now.kinetic, now.elastic, now.potential))
-        return Energies(kinetic, elastic, potential, self._monitor.dissipated)
+        return Energies(kinetic, elastic, potential, self.balance.dissipated)
 
     @property
     def net(self) -> NetState:
@@ -200,7 +244,7 @@ class Simulation(Attempts):
     def largest_tension(self) -> Peak:
         """Largest tension of all steps so far; its element is -1 if none was taut."""
         self.settle()
-        peak = largest_of(self._monitor.peaks.of_groups().values())
+        peak = largest_of(self.extremes.of_groups().values())
         assert peak is not None
         return peak
 
@@ -255,35 +299,33 @@ class Simulation(Attempts):
         control = self._control
         while control is not None and not reached(control.due, time) and not self.stopped:
             if not reached(self.time, control.due):
-                self._stops.add(control.due, self._acting)
-                self._through(len(self._stops) - 1)
+                self.run.go([control.due])
             control.act(self)
         if time > self.time and not self.stopped:
-            self._stops.add(time, self._acting)
-            self._through(len(self._stops) - 1)
+            self.run.go([time])
 
     def set_force(self, on: int | str, force: ArrayLike) -> None:
         """Set the force (3,) [N] on a node by number or name ("centre"), or on a point mass by name.
 
         Its work counts in the energy balance as input.
         """
-        acting = self._external.with_force(self._acting, on, force)
+        acting = self.run.external.with_force(self.run.acting, on, force)
         self.settle()
-        self._act(acting)
+        self.run.act(acting)
 
     @property
     def inputs(self) -> dict[str, Floats]:
         """Present values of the inputs, by name (copies)."""
-        return {name: values.copy() for name, values in self._external.inputs(self._acting).items()}
+        return {name: values.copy() for name, values in self.run.external.inputs(self.run.acting).items()}
 
     def set_input(self, name: str, values: ArrayLike) -> None:
         """Set the values of an input of the forces.
 
         Its work counts in the energy balance, by the power of the force that reads it.
         """
-        acting = self._external.with_input(self._acting, name, values)
+        acting = self.run.external.with_input(self.run.acting, name, values)
         self.settle()
-        self._act(acting)
+        self.run.act(acting)
 
     def command(self, tether: str, mode: str, rate: float | None = None, force: float | None = None) -> None:
         """Command the reel of a tether, or the winch of a closing line ("closing"), as in a case.
@@ -329,46 +371,43 @@ class Simulation(Attempts):
         """
         if not isinstance(piece, Piece):
             raise InputError(f"steer: piece must be a Piece (of exunet.bodies.port), got {shown(piece)}")
-        self._integrator.steer(port, piece)
+        self.run.stepper.steer(port, piece)
 
     def steered(self, port: str) -> Piece:
         """Return the present or last piece of a port; raise InputError as `steer`."""
-        return self._integrator.steered(port)
+        return self.run.stepper.steered(port)
 
     @property
     def acting(self) -> Floats:
         """External forces and inputs in one array; each change makes a new array."""
-        return self._acting
+        return self.run.acting
 
     def repeat_changes(self, then: Floats, now: Floats) -> None:
         """Set each force and input that differs between two arrays of `acting` to the value of the second."""
-        acting = self._external.with_changes(self._acting, then, now)
+        acting = self.run.external.with_changes(self.run.acting, then, now)
         self.settle()
-        self._act(acting)
+        self.run.act(acting)
 
     @property
     def can_restart(self) -> bool:
         """True if runs continue exactly from snapshots with this method."""
-        return self._integrator.can_restart
+        return self.run.stepper.can_restart
 
     def snapshot(self) -> Snapshot:
         """Return a snapshot; raise InputError for a method without exact restart (see `can_restart`)."""
         self._refuse_within_act("snapshot")
         if not self.can_restart:
-            raise InputError(f"snapshot: {cannot_restart(self._plan.method)}")
+            raise InputError(f"snapshot: {cannot_restart(self.plan.method)}")
         header = {
             "time": self.time,
-            "plan": self._plan.as_json(),
-            "retries": self._retries,
-            "spent": asdict(self._spent),
-            "events": [tagged(event) for event in self._monitor.events],
+            "plan": self.plan.as_json(),
+            "retries": self.run.retries,
+            "spent": asdict(self.run.spent),
         }
         if self._recorder is not None:
             self._recorder.flush()
             header |= {"rows": len(self._recorder), "record": self._recorder.record.to_json()}
-        arrays = grouped("integrator", self._integrator.snapshot())
-        arrays |= grouped("monitor", self._monitor.arrays(self.time)) | {"acting": self._acting.copy()}
-        arrays |= grouped("stops", self._stops.arrays())
+        arrays = self.run.save()
         if self._control is not None:
             arrays |= grouped("control", self._control.arrays())
         return Snapshot(identity(self._start), header, arrays)
@@ -384,31 +423,21 @@ class Simulation(Attempts):
             raise InputError(f"restore: {words}")
         validate_snapshot(snapshot, self._start, self.snapshot())
         header, arrays, restored = snapshot.header, snapshot.arrays, Plan.from_json(snapshot.header["plan"])
-        if restored.method != self._plan.method:
+        if restored.method != self.plan.method:
             raise InputError(f"the snapshot of t = {snapshot.time:g} s is of {restored.method}")
         if self._recorder is not None and header["rows"] > len(self._recorder):
             raise InputError(f"the snapshot of t = {snapshot.time:g} s has rows that are not stored")
         if self._control is not None:
             self._control.restore(group_of("control", arrays))
-        self._acting = np.array(arrays["acting"])
-        self._stops.restore(group_of("stops", arrays))
-        self._retries, self._spent = header["retries"], StepCounts(**header["spent"])
-        if restored != self._plan:
-            self._plan = restored
-            self._integrator = self._begin(self._start.state)
-        self._monitor.explain(self._plan)
-        self._integrator.restore(group_of("integrator", arrays))
-        self._monitor.restore(group_of("monitor", arrays), [untagged(event) for event in header["events"]])
-        self._monitor.push(self._external.forces(self._acting))
+        self.run.load(arrays, restored, header["retries"], StepCounts(**header["spent"]))
         if self._recorder is not None:
-            self._recorder.drop_after(header["rows"])
             self._recorder.restore(RunRecord.from_json(header["record"]))
 
     def reset(self) -> None:
         """Go back to the start, without a new build."""
         self._refuse_within_act("reset")
         if self._first is None:
-            raise InputError(f"reset: {cannot_restart(self._plan.method)}, or make a new Simulation")
+            raise InputError(f"reset: {cannot_restart(self.plan.method)}, or make a new Simulation")
         control = self._control
         if control is not None:
             control.validate_restorable()

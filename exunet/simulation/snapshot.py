@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -157,14 +156,3 @@ def _read_from_files(start: Start) -> str:
     if (restart := start.restart) is not None:
         found.update(f"{restart.sha256} {restart.time_s!r}".encode())
     return found.hexdigest()
-
-
-def grouped(group: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Names of arrays with their group before them."""
-    return {f"{group}:{name}": values for name, values in arrays.items()}
-
-
-def group_of(group: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The arrays of a group by their own names."""
-    start = f"{group}:"
-    return {name[len(start) :]: values for name, values in arrays.items() if name.startswith(start)}

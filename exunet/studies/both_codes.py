@@ -23,22 +23,23 @@ from exunet.base.run_events import ElementBreak, ScriptEvent
 from exunet.bodies.kinematics import first_given
 from exunet.bodies.rigid import RigidStates, in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.forces.terms import Change
-from exunet.integrators import integrator
+from exunet.integrators import stepper_of
 from exunet.integrators.exudyn.build import build
 from exunet.integrators.exudyn.probe import Probe
-from exunet.integrators.protocol import Arrays, Extremes
+from exunet.integrators.protocol import Stepper
 from exunet.kernels.compile import numba_installed
 from exunet.methods.method import Backend, Method, Plan
 from exunet.model.effect_survey import without_choice
 from exunet.model.initial import places_of_fold
 from exunet.model.limits import relative_speed
-from exunet.model.states import States
 from exunet.model.system import Moving, State, System
 from exunet.net.closing import NAME as LINE
 from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.scene.casefile import Case, load, located_faults
 from exunet.scene.scene import Scene
+from exunet.simulation.block import Observed
+from exunet.simulation.integrate import Integration
+from exunet.simulation.observers import Event, Observer, Observers
 from exunet.simulation.preparation import Start, prepare
 from reference_impl import closing
 from reference_impl import forces as formulas
@@ -53,8 +54,8 @@ class Break:
     time: float
 
 
-class RunObserver:
-    """Observer of dissipated energy and broken elements (see `exunet.integrators.protocol.Observer`).
+class RunObserver(Observer):
+    """Observer of dissipated energy and broken elements.
 
     booked     : False if only breaks are recorded
     dissipated : energy [J] that has left the system until the last recorded state, and that prescribed bodies
@@ -62,32 +63,22 @@ class RunObserver:
     breaks     : broken elements in order of time
     """
 
-    asks_for_elements = False
-
     def __init__(self, system: System, state: State, *, booked: bool) -> None:
-        self._system, self._memory, self._booked = system, dict(state.memory), booked
-        at_start = system.lost_at_start + float(system.given_work(state.first_order))
-        self.dissipated = self._at_start = at_start
+        self._booked = booked
+        self.dissipated = self._at_start = system.lost_at_start + float(system.given_work(state.first_order))
         self.breaks: list[Break] = []
 
-    def take(self, states: States) -> None:
-        if states.taken is not None:
-            self.dissipated = self._at_start + float(states.taken[-1])
+    def observe(self, steps: Observed) -> None:
+        if steps.states.taken is not None:
+            self.dissipated = self._at_start + float(steps.states.taken[-1])
         elif self._booked:
-            states = States(self._system, states.time, states.x, states.v, self._memory)
-            self.dissipated += float(states.work_taken().sum())
+            self.dissipated += float(steps.states.work_taken().sum())
 
-    def between(self, until: float, extremes: Extremes) -> None: ...
-
-    def ends(self, time: float) -> None: ...
-
-    def remembered(self, time: float, memory: Arrays) -> None: ...
-
-    def changed(self, time: float, memory: str, change: Change) -> None:
+    def changed(self, event: Event) -> None:
+        change = event.change
         self.dissipated += change.energy_lost or 0.0
-        self._memory = {**self._memory, **change.others, memory: change.memory}
-        events = (event for event in change.events if isinstance(event, ElementBreak | ScriptEvent))
-        self.breaks += [Break(event.element, time) for event in events if event.element is not None]
+        events = (item for item in change.events if isinstance(item, ElementBreak | ScriptEvent))
+        self.breaks += [Break(item.element, event.time) for item in events if item.element is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -427,20 +418,27 @@ class BothCodes(Matched):
         start, backend = self.start, self.start.plan.backend
         start = start if plan is None else replace(start, plan=replace(plan, backend=backend))
         observer = RunObserver(start.system, start.state, booked=booked)
-        stepper = integrator(start.system, start.state, start.plan, observer)
+
+        def make(state: State, plan: Plan) -> Stepper:
+            return stepper_of(start.system, state, plan)
+
         states, left, reels = (
             [start.state.moving],
             [observer.dissipated],
             [self.wound_in_reference(start.state)],
         )
-        for until in times[1:].tolist():
-            stepper.advance(until)
+
+        def keep() -> None:
             if booked:
-                stepper.flush()
+                run.settle()
                 left.append(observer.dissipated)
-            state = stepper.state()
+            state = run.stepper.state()
             states.append(state.moving)
             reels.append(self.wound_in_reference(state))
+
+        observers = Observers(start.system, start.state, {"both": observer})
+        run = Integration(start.system, start.state, start.plan, make, observers)
+        run.go(times[1:].tolist(), keep)
         x, v, first_order = (
             np.array([getattr(state, name) for state in states])
             for name in ("position", "velocity", "first_order")
@@ -453,7 +451,7 @@ class BothCodes(Matched):
         wound = reference.Wound(
             *(np.array([getattr(reel, name) for reel in reels]) for name in ("wound_up", "held", "work"))
         )
-        steps, breaks = stepper.counts.steps, tuple(observer.breaks)
+        steps, breaks = run.counts.steps, tuple(observer.breaks)
         given = self._given(first_order)
         drawn = self.drawn_in_reference(first_order)
         return Trajectory(np.asarray(times), *arms, seen, steps, wound, drawn, energy, breaks, given)

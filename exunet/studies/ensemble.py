@@ -23,25 +23,35 @@ from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import product, quaternion_of
 from exunet.forces import cable
 from exunet.forces.law import STRETCH_BOUND
-from exunet.integrators.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
+from exunet.integrators.compiled.loop import OUTPUT_EVERY, CompiledStepper, loop_kernel
 from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
-from exunet.integrators.protocol import IntegrationFailed, StepCounts, StepsCollapsed
+from exunet.integrators.protocol import Extremes, StepCounts
 from exunet.kernels.compile import WIDTH, numba_installed
 from exunet.kernels.kernel import Kernel
 from exunet.methods.config import AUTO
-from exunet.methods.method import COMPILED_METHODS, METHODS, Backend, Kind, Plan
+from exunet.methods.method import (
+    COMPILED_METHODS,
+    FINER_TOLERANCE,
+    METHODS,
+    Backend,
+    Kind,
+    Plan,
+    finer,
+)
 from exunet.model.states import States
+from exunet.model.system import State
 from exunet.net.arrays import Net
 from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, instants, member_of
 from exunet.results.result import Result
 from exunet.results.run_record import CaseText, EnsembleRecord
 from exunet.scene.casefile import Case, case_of
 from exunet.scene.scene import Scene
-from exunet.simulation.monitor import Monitor, series_of
+from exunet.simulation.block import Observed
+from exunet.simulation.integrate import Integration
+from exunet.simulation.observers import Balance, Observer, Observers
 from exunet.simulation.planning import is_short
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
-from exunet.simulation.recorder import Recorder, initial_record, stored_bytes
-from exunet.simulation.rollback import FINER_TOLERANCE, finer
+from exunet.simulation.recorder import Recorder, initial_record, series_of, stored_bytes
 from exunet.simulation.run import case_text
 
 PAPER_SIZE = 7.0  # [m], of the paper's net with its strings
@@ -160,87 +170,64 @@ def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
 
     stop : ends the run by KeyboardInterrupt
     """
-    recorder = Recorder(start, every_step=False)
-    recorder.store(States.of(start.system, start.state), np.array([start.system.lost_at_start]))
-    monitor = Monitor(start.system, start.state, store=recorder.store, series=recorder.series)
-    monitor.explain(start.plan)
-    through = _step_by_step if start.state.memory or start.system.kinematics.knots else _in_intervals
-    try:
-        evaluations = through(start, kernel, recorder, monitor, stop)
-    except IntegrationFailed as failure:
-        collapsed = isinstance(failure, StepsCollapsed)
-        raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    return _result(recorder, monitor, evaluations)
+    recorder, system = Recorder(start, stores_energies=False), start.system
+    events = bool(start.state.memory or system.kinematics.knots)
+
+    def make(state: State, plan: Plan) -> CompiledStepper:
+        # Without events, many times in one call of compiled code; the steps are the same.
+        return CompiledStepper(system, state, plan, kernel, every=OUTPUT_EVERY if events else None)
+
+    def leave() -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+
+    own: dict[str, Observer] = {"log": recorder.log, "extremes": recorder.extremes}
+    observers = Observers(system, start.state, own, recorder.balance, recorder)
+    observers.start()
+    together = 1 if events else _MAX_TIMES
+    run = Integration(system, start.state, start.plan, make, observers, together=together)
+    run.go(recorder.times[1:].tolist(), leave, settle=True)
+    return _result(recorder, run.counts.right_hand_sides)
 
 
-def _result(recorder: Recorder, monitor: Monitor, evaluations: int) -> Result:
+def _result(recorder: Recorder, evaluations: int) -> Result:
     recorder.integrated(StepCounts(right_hand_sides=evaluations), 0.0)
-    return recorder.result("ok", monitor)
-
-
-def _step_by_step(start: Start, kernel: Kernel, recorder: Recorder, monitor: Monitor, stop: Event) -> int:
-    """Check for events after each step, and end steps at the knots of prescribed motions.
-
-    Returns the number of right-hand sides. A script may end the run before its end.
-    """
-    loop = CompiledLoop(start.system, start.state, start.plan, monitor, kernel)
-    for time in recorder.times[1:]:
-        monitor.mark(time)
-        loop.advance(time)
-        _leave_if(stop)
-        if loop.stopped:
-            break
-    loop.flush()
-    return loop.counts.right_hand_sides
-
-
-def _in_intervals(start: Start, kernel: Kernel, recorder: Recorder, monitor: Monitor, stop: Event) -> int:
-    """Reach many times in one call of compiled code, without events; the steps are the same."""
-    loop = CompiledIntegration(start.system, start.state, start.plan, kernel)
-    loop.look_at_tensions()
-    for times in _intervals(recorder.times, stop):
-        batch = loop.through(times)
-        for time in batch.time[1:]:
-            monitor.mark(time)
-        if len(batch.time) > 1:
-            monitor.take(batch)
-        if words := loop.collapse():
-            raise StepsCollapsed(words)
-        monitor.peaks.take(loop.largest_tensions)
-    return loop.counts.right_hand_sides
+    return recorder.result("ok")
 
 
 def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event) -> list[Result | None]:
     """Run several starts of one scene at once; None for a run that stopped."""
     system = starts[0].system
-    recorders = [Recorder(start, every_step=False) for start in starts]
-    for recorder, start in zip(recorders, starts, strict=True):
-        recorder.store(States.of(system, start.state), np.zeros(1))
-    # The guards check each stored time, as in a run.
-    monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
-    for each in filter(None, monitors):
-        each.explain(starts[0].plan)
+    recorders: list[Recorder | None] = []
+    for start in starts:
+        new = Recorder(start, stores_energies=False)
+        new.balance = Balance(system, start.state, every=1)  # the guards check each stored time
+        new.balance.explain(start.plan)
+        new.observe(Observed(States.of(system, start.state), [0], [{}], [None], np.zeros(1)))
+        recorders.append(new)
     loop.begin([start.state for start in starts])
-    number = _times_side_by_side(starts[0], recorders[0].times)
-    for times in _intervals(recorders[0].times, stop, number, number):
-        found = loop.through(times)
-        for run, monitor in enumerate(monitors):
-            if monitor is None:
+    times = starts[0].scene.time.stored_times
+    number = _times_side_by_side(starts[0], times)
+    for part in _intervals(times, stop, number, number):
+        for run, states in enumerate(loop.through(part)):
+            if (recorder := recorders[run]) is None:
                 continue
-            states = found[run]
-            assert states.taken is not None
-            try:
-                monitor.check(states, states.taken)
-            except RunStopped:
-                monitors[run] = None
+            count = len(states) - 1
+            extremes = Extremes(0.0, math.inf, loop.largest_tensions(run), np.zeros(0))
+            steps = Observed(
+                states,
+                list(range(1, count + 1)),
+                [{}] * count,
+                [*[None] * (count - 1), extremes],
+                recorder.balance.until_each(states),
+            )
+            if recorder.balance.judge(steps).stop is not None:
+                recorders[run] = None
                 continue
-            monitor.peaks.take(loop.largest_tensions(run))
-            recorders[run].store(states[1:], states.taken[1:])
-            recorders[run].flush()  # the loop overwrites its states
-    return [
-        None if monitor is None else _result(recorder, monitor, loop.right_hand_sides)
-        for recorder, monitor in zip(recorders, monitors, strict=True)
-    ]
+            for observer in (recorder.balance, recorder.extremes, recorder):
+                observer.observe(steps)
+            recorder.flush()  # the loop overwrites its states
+    return [None if recorder is None else _result(recorder, loop.right_hand_sides) for recorder in recorders]
 
 
 def _times_side_by_side(start: Start, times: Floats) -> int:
@@ -261,15 +248,11 @@ def _intervals(times: Floats, stop: Event, first: int = 1, most: int = _MAX_TIME
         began = clock.perf_counter()
         part = times[at : at + number + 1]
         yield part
-        _leave_if(stop)
+        if stop.is_set():
+            raise KeyboardInterrupt
         at += len(part) - 1
         if clock.perf_counter() - began < _INTERVAL:
             number = min(2 * number, most)
-
-
-def _leave_if(stop: Event) -> None:
-    if stop.is_set():
-        raise KeyboardInterrupt
 
 
 T = TypeVar("T")
@@ -568,7 +551,8 @@ def wall_times(start: Start) -> tuple[float, float] | str:
     kernel = loop_kernel(system)
     if not kernel.compiled_before:
         return "not compiled yet"
-    run = _step_time(CompiledIntegration(system, state, plan, kernel).through, start)
+    stepper = CompiledStepper(system, state, plan, kernel, every=None)
+    run = _step_time(lambda times: stepper.step(times[1:].tolist()), start)
     each, width, shared = run, 1, kernel_of_many(start, default_runs(start))
     if shared is not None and shared.compiled_before:
         loop, width = RunsSideBySide(system, plan, shared), WIDTH

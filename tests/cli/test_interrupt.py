@@ -26,20 +26,20 @@ from scenes import BACKENDS, every_backend
 import exunet
 from exunet.base.errors import Interrupted
 from exunet.base.interrupt import postponed
-from exunet.integrators.compiled.loop import CompiledLoop
-from exunet.integrators.exudyn.stepper import Stepper
+from exunet.integrators.exudyn.stepper import ExudynStepper
 from exunet.results.run_folder import has_unfinished
 from exunet.simulation import run as runs
+from exunet.simulation.integrate import Integration
 from exunet.simulation.recorder import Recorder
 
 OUTPUT_STEP = 1e-3  # [s]; in free flight each interval is one step, and a batch of the guards 256 of them
 PRESSED = 0.3  # [s] of simulated time; the strings snap taut at 0.57 s
 # Between two intervals, while a state is stored; and within the last step of an interval.
 MOMENTS: dict[str, list[tuple[type, str, Callable[[Any], float]]]] = {
-    "storing": [(Recorder, "store", lambda recorder: recorder.until)],
+    "storing": [(Recorder, "observe", lambda recorder: recorder.until)],
     "stepping": [
-        (Stepper, "_before_attempt", lambda stepper: stepper.time),
-        (CompiledLoop, "_look_for_events", lambda loop: loop.time),
+        (ExudynStepper, "_before_attempt", lambda stepper: stepper.time),
+        (Integration, "_happen", lambda run: run.time),
     ],
 }
 

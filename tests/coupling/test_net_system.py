@@ -236,7 +236,7 @@ def test_a_host_steps_a_script_and_units_as_a_run_does() -> None:
         if row == 3:  # after both events
             held = net.snapshot()
         net.step(float(whole.time[row]), frames(row))
-    events = net.simulation.monitor.events
+    events = net.simulation.log.events
     assert [event.entry for event in events] == ["steer", "cut"]
     for event, known in zip(events, whole.run.script, strict=True):
         assert event.time_s == pytest.approx(known.time_s, abs=1e-9)

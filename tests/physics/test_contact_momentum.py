@@ -159,7 +159,7 @@ def test_rates_of_a_verlet_step_are_those_of_its_half_step(tmp_path: Path) -> No
     for method, same in (("VelocityVerlet", True), ("RK44", False)):
         sim = net_on_box(tmp_path, "solid", BACKENDS["exudyn"], f"solver.method={method}", "solver.step=5e-5")
         sim.advance_to(0.022)  # threads and a bullet touch
-        (model,) = (part for part in vars(sim._integrator).values() if isinstance(part, Model))
+        (model,) = (part for part in vars(sim.run.stepper).values() if isinstance(part, Model))
         now, later, forces = model.coordinates(), sim.time + 1.0, np.zeros(model.n_coordinates)
         model.applied.evaluate(later, now.q, now.v, forces)
         rates = model.applied.rates(later, now.q, now.v).copy()

@@ -268,7 +268,7 @@ def test_a_restart_between_two_samples_goes_on_bitwise(backend: str, tmp_path: P
     one, other = Simulation(case), Simulation(case)
     for time, samples in ((0.06, 4.0), (0.07, 4.0)):  # at a sample, which is done then, and between two
         one.advance_to(time)
-        memory, safe = one.state.memory[MEMORY], one.monitor.safe
+        memory, safe = one.state.memory[MEMORY], one.run.observers.safe.state
         assert (safe.time, memory[2]) == (time, samples)
         np.testing.assert_array_equal(safe.memory[MEMORY], memory)
     continue_alike(one, other, 0.15, tmp_path)

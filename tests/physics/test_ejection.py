@@ -74,7 +74,7 @@ def test_a_light_body_recoils_from_a_launch() -> None:
     body = "bodies.chaser={mass=20.0, inertia=[4.0, 6.0, 8.0]}"
     keys = (body, "initial.frame={body='chaser'}", "launch={radial_speed=0.0, axial_speed=3.0}", WITHOUT[0])
     begin = prepare_case(exunet.load(PAPER, keys))
-    (event,) = Simulation(begin).monitor.events
+    (event,) = Simulation(begin).log.events
     thrown = begin.net.mass[begin.net.bullet_nodes].sum()
     assert event.launch_speed_added_m_s == pytest.approx(3.0, rel=1e-12)
     assert event.launch_speed_relative_m_s == pytest.approx(3.0 * (1.0 + thrown / 20.0), rel=1e-12)
@@ -215,13 +215,13 @@ def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(motion: str, tied:
         np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
     for one, other in zip(now.state.bodies.parts(), later.state.bodies.parts(), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-7)
-    (event,), (after,) = ([item.as_json() for item in sim.monitor.events] for sim in runs)
+    (event,), (after,) = ([item.as_json() for item in sim.log.events] for sim in runs)
     assert (event.pop("time_s"), after.pop("time_s")) == (0.0, 1e-9)
     assert event.keys() == after.keys()
     for name in event.keys() - {"body"}:
         np.testing.assert_allclose(event[name], after[name], rtol=1e-7, atol=1e-7)
     assert event["energy_lost_J"] < -1.0
-    assert now.monitor.dissipated == pytest.approx(later.monitor.dissipated, rel=1e-7)
+    assert now.balance.dissipated == pytest.approx(later.balance.dissipated, rel=1e-7)
 
 
 @pytest.mark.slow

@@ -244,10 +244,10 @@ def test_a_retry_begins_beyond_the_event(backend: str, tmp_path: Path) -> None:
     sim = exunet.Simulation(sleeping(tmp_path, backend, "RK44"))
     sim.advance_to(RELEASE[0])
     assert sim.energy.total > 0.0  # the guards have looked
-    assert sim.monitor.safe.time == RELEASE[0]
-    assert sim.monitor.safe.memory["points/awake"].tolist() == awake(1).tolist()
-    assert sim.monitor.go_back().memory["hold/released"] == [1.0]
-    assert len(sim.monitor.events) == 1
+    assert sim.run.observers.safe.state.time == RELEASE[0]
+    assert sim.run.observers.safe.state.memory["points/awake"].tolist() == awake(1).tolist()
+    assert sim.run.observers.safe.state.memory["hold/released"] == [1.0]
+    assert len(sim.log.events) == 1
 
 
 def test_points_that_cannot_sleep_are_refused(tmp_path: Path) -> None:

@@ -13,81 +13,48 @@ from scenes import BACKENDS, CASES, every_backend, pair_of_masses, thrown, value
 
 import exunet
 from exunet.base.errors import RunStopped
-from exunet.integrators.protocol import Largest
+from exunet.integrators.protocol import Extremes, Largest
+from exunet.model.states import States
 from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
-from exunet.results.run_record import Peak, RunRecord, largest_of
-from exunet.simulation.monitor import ElementPeaks, Envelope, Peaks
+from exunet.results.run_record import Peak, RunRecord
+from exunet.simulation.block import Observed
+from exunet.simulation.observers import RunningExtremes
 from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import perturbed_runs
 
 
-def test_what_was_largest_until_a_state_to_go_back_to_is_kept() -> None:
-    """In one batch: element 0 pulls 5 N before the state that is marked, element 1 9 N after it."""
-    time, tension = np.arange(4.0), np.array([[1.0, 0.0], [5.0, 0.0], [2.0, 0.0], [0.0, 9.0]])
-    peaks = Peaks({"net": range(2)})
-    peaks.look(time, tension, [0, 2])
-    assert peaks.of_groups()["net"] == Peak(9.0, 3.0, 1)
-    peaks.forget_after(2.0)
-    assert peaks.of_groups()["net"] == Peak(5.0, 1.0, 0)
-    peaks.forget_after(0.0)
-    assert peaks.of_groups()["net"] == Peak(1.0, 0.0, 0)
-    again = Peaks({"net": range(2)})
-    again.look(time, tension, [1, 3])  # whose last state is marked
-    again.forget_after(1.0)
-    assert again.of_groups()["net"] == Peak(5.0, 1.0, 0)
+def observed(tension: list[float], elastic: list[float], marks: list[int], later: Extremes) -> Observed:
+    """States of a net every 0.5 s; tensions [N] of its first element, elastic energies [J]."""
+    start = prepare(thrown({"method": "DOPRI5"}))
+    x, v = (np.tile(part, (len(tension), 1)) for part in start.system.layout.pack(start.state.moving))
+    states = States(start.system, 0.5 * np.arange(len(tension)), x, v, start.state.memory)
+    pull = np.zeros((len(tension), start.net.n_elements))
+    pull[:, 0] = tension
+    energies = np.array(elastic, dtype=float)
+    states.__dict__.update(tension=pull, elastic=energies, kinetic=10.0 - energies)
+    between: list[Extremes | None] = [None] * (len(marks) - 1)
+    return Observed(states, marks, [{}] * len(marks), [*between, later], np.zeros(len(tension)))
 
 
-def test_each_group_has_its_own_and_comes_back_from_a_snapshot() -> None:
-    """Two elements of a net and one of a tether, whose largest is the later, smaller one."""
-    groups = {"net": range(2), "tether a": range(2, 3)}
-    peaks = Peaks(groups)
-    peaks.look(np.array([0.0]), np.array([[0.0, 3.0, 1.0]]))
-    peaks.look(np.array([1.0]), np.array([[1.0, 2.0, 2.0]]))
-    peaks.take([Largest(2.5, 2.0, 0), Largest(2.5, 2.0, 2)])
-    told = peaks.of_groups()
-    assert told["net"] == Peak(3.0, 0.0, 1)
-    assert told["tether a"] == Peak(2.5, 2.0, 2)
-    assert largest_of(told.values()) == told["net"]
-    again = Peaks(groups)
-    again.restore(peaks.arrays())
-    again.forget_after(1.5)
-    assert again.of_groups()["tether a"] == Peak(2.0, 1.0, 2)
-    peaks.forget_after(0.5)
-    assert peaks.of_groups()["tether a"] == Peak(1.0, 0.0, 2)
-
-
-def test_the_peak_of_each_element_goes_back_with_the_run() -> None:
-    """Stored times 0 to 4 s, safe until 1 s, stored until 3 s: a run goes back there, and nowhere else."""
-    times = np.arange(5.0)
-
-    def seen() -> ElementPeaks:
-        peaks = ElementPeaks(times, 2)
-        peaks.look(
-            np.array([0.0, 0.4, 1.0, 1.2, 2.0]), np.array([[1, 0], [5, 0], [2, 1], [3, 6], [1, 1]], float)
-        )
-        peaks.settle(1.0, 2.0)
-        peaks.take(3.0, np.array([7.0, 0.0]))
-        peaks.settle(1.0, 3.0)
-        peaks.take(4.0, np.array([0.0, 9.0]))
-        again = ElementPeaks(times, 2)
-        again.restore(peaks.arrays())
-        assert again.largest.tolist() == peaks.largest.tolist()
-        return again
-
-    assert seen().largest.tolist() == [7.0, 9.0]
-    (at_stored := seen()).forget_after(3.0)
-    assert at_stored.largest.tolist() == [7.0, 6.0]
-    (at_safe := seen()).forget_after(1.0)
-    assert at_safe.largest.tolist() == [5.0, 1.0]
-    at_safe.look(np.array([1.5, 2.0]), np.array([[0.0, 2.0], [0.0, 0.0]]))
-    at_safe.settle(1.0, 2.0)
-    at_safe.forget_after(2.0)  # the run ends there
-    assert at_safe.largest.tolist() == [5.0, 2.0]
-    at_safe.settle(2.0, 2.0)
-    at_safe.forget_after(2.0)
-    assert at_safe.largest.tolist() == [5.0, 2.0]
+def test_extremes_of_all_steps_go_back_with_the_run() -> None:
+    """Stored at 0, 1, 2 s; between two states of the second interval element 1 pulls 9 N, with 3 J."""
+    each = np.zeros(prepare(thrown({"method": "DOPRI5"})).net.n_elements)
+    each[1] = 9.0
+    later = Extremes(3.0, 6.0, (Largest(9.0, 1.7, 1),), each)
+    steps = observed([1.0, 5.0, 2.0, 1.0, 0.0], [1.0, 5.0, 2.0, 1.0, 0.0], [0, 2, 4], later)
+    extremes = RunningExtremes(steps.states.system, stores=True)
+    extremes.observe(steps.between(0, 2))
+    assert extremes.intervals.tolist() == [[1.0, 9.0], [5.0, 5.0]]
+    safe = extremes.save()
+    for _ in range(2):
+        assert extremes.of_groups() == {"net": Peak(5.0, 0.5, 0)}
+        extremes.observe(steps.between(2, 4))
+        assert extremes.of_groups() == {"net": Peak(9.0, 1.7, 1)}
+        assert extremes.elements[:3].tolist() == [5.0, 9.0, 0.0]
+        assert extremes.intervals.tolist() == [[3.0, 6.0]]
+        extremes.load(safe)
 
 
 @pytest.mark.ci_for("compiled")
@@ -380,28 +347,3 @@ def test_it_is_the_energy_of_the_steps_with_material_damping_and_thermal_strain(
     largest, least = extremes(few)
     np.testing.assert_allclose(largest[1:], all_steps.elastic[inside].max(axis=1), rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(least[1:], all_steps.kinetic[inside].min(axis=1), rtol=1e-6)
-
-
-def test_a_state_counts_for_the_interval_that_it_ends() -> None:
-    envelope = Envelope(np.array([0.0, 1.0, 2.0, 3.0]))
-    envelope.look(
-        np.array([0.0, 0.5, 1.0, 1.5, 2.5]), np.array([1.0, 5, 2, 7, 9]), np.array([9.0, 5, 8, 3, 1])
-    )
-
-    def of_stored(elastic: list[float], kinetic: list[float]) -> tuple[Floats, Floats]:
-        # The state stored at the start stands for the one before it.
-        return envelope.around(0, *(np.array([item[0], *item]) for item in (elastic, kinetic)))
-
-    nothing, much = [0.0] * 4, [10.0] * 4
-    largest, least = of_stored(nothing, much)
-    assert largest.tolist() == [1.0, 5.0, 7.0, 9.0]
-    assert least.tolist() == [9.0, 5.0, 3.0, 1.0]
-    envelope.forget_after(1.0)  # a run that goes back there
-    largest, least = of_stored(nothing, much)
-    assert largest.tolist() == [1.0, 5.0, 0.0, 0.0]
-    assert least.tolist() == [9.0, 5.0, 10.0, 10.0]
-    largest, least = of_stored([0.0, 6.0, 0.0], [10.0, 2.0, 10.0])
-    assert largest.tolist() == [1.0, 6.0, 6.0]  # both ends belong to an interval
-    assert least.tolist() == [9.0, 2.0, 2.0]
-    part = envelope.around(1, np.array([0.0, 6.0, 0.0]), np.array([10.0, 2.0, 10.0]))  # from the second on
-    assert [item.tolist() for item in part] == [[6.0, 6.0], [2.0, 2.0]]

@@ -247,7 +247,7 @@ def test_a_snapshot_before_or_after_a_release_goes_on(
     one.advance_to(at)
     continue_alike(one, other, until, tmp_path)
     assert one.state.memory["tethers.tow.end/held"] == [0.0]
-    assert [event.entry for event in other.monitor.events] == ["go"]
+    assert [event.entry for event in other.log.events] == ["go"]
 
 
 def test_a_drive_that_is_released_turns_freely() -> None:

@@ -171,7 +171,6 @@ def test_arguments_of_a_simulations_methods_are_refused_and_change_nothing(name:
         (lambda: exunet.Simulation(case(), wrenches="ab"), "wrenches"),
         (lambda: exunet.Simulation(case(), recorder=1), "recorder"),
         (lambda: exunet.margins(result(), [True]), "margins: among"),
-        (lambda: simulation().attempt(float("nan")), "attempt: time"),
         (lambda: simulation().set_input(["a"], [1.0]), "set_input"),
         (lambda: simulation().restore(simulation().state), "State"),
         (lambda: simulation().steer("chaser", Piece(0.0, *POSE)), "'chaser'"),

@@ -16,14 +16,15 @@ import exunet
 from exunet.base.errors import CaseError, RunStopped
 from exunet.forces.law import STRETCH_BOUND
 from exunet.integrators.protocol import IntegrationFailed
-from exunet.methods.method import Method, Plan
+from exunet.methods.method import Method, Plan, finer
 from exunet.model import energy
 from exunet.model.limits import SAFETY, largest_damping_rate, largest_frequency, stable_step
 from exunet.model.states import States
 from exunet.results.measures import energy_balance, energy_scale
 from exunet.results.summary import summarise
 from exunet.scene.scene import Scene
-from exunet.simulation import rollback
+from exunet.simulation import integrate
+from exunet.simulation.block import Observed
 from exunet.simulation.guards import (
     ACTING,
     ENERGY_BOUND,
@@ -34,9 +35,8 @@ from exunet.simulation.guards import (
     EnergyScale,
     where_steps_fail,
 )
-from exunet.simulation.monitor import GOOD_PART, Monitor
+from exunet.simulation.observers import GOOD_PART, Balance, EventLog
 from exunet.simulation.preparation import Start, prepare
-from exunet.simulation.rollback import finer
 from exunet.simulation.run import simulate
 
 # Time, element, node and remedy are in every message of a divergence.
@@ -54,10 +54,10 @@ def thrown_until_it_stops(*arguments, **tables) -> RunStopped:
     return stop.value
 
 
-def monitor_of(start: Start, **how: int) -> Monitor:
-    monitor = Monitor(start.system, start.state, **how)
-    monitor.explain(Plan(Method.RK44, step=1e-3))
-    return monitor
+def balance_of(start: Start, **how: int) -> Balance:
+    balance = Balance(start.system, start.state, **how)
+    balance.explain(Plan(Method.RK44, step=1e-3))
+    return balance
 
 
 def moving(scale: float = 1.0) -> tuple[Start, np.ndarray, np.ndarray]:
@@ -66,12 +66,15 @@ def moving(scale: float = 1.0) -> tuple[Start, np.ndarray, np.ndarray]:
     return start, start.position, start.velocity * scale
 
 
-def look(monitor: Monitor, *states: tuple[np.ndarray, np.ndarray]) -> None:
-    """Give the guards states that are stored every 0.1 s."""
-    position, velocity = (np.array(part) for part in zip(*states, strict=True))
-    count = len(states)
-    x, v = (part.reshape(count, -1) for part in (position, velocity))
-    monitor.take(States(monitor._system, 0.1 * np.arange(count), x, v, {}))
+def look(start: Start, *states: tuple[np.ndarray, np.ndarray], **how: int) -> int:
+    """Give the guards states that are stored every 0.1 s; return the number of valid states."""
+    x, v = (np.array(part).reshape(len(states), -1) for part in zip(*states, strict=True))
+    rows, balance = States(start.system, 0.1 * np.arange(len(states)), x, v, {}), balance_of(start, **how)
+    judged = balance.judge(Observed(rows, [], [], [], balance.until_each(rows)))
+    if judged.stop is not None:
+        judged.stop.valid = judged.valid
+        raise judged.stop
+    return judged.valid
 
 
 def gained(start: Start, position: np.ndarray, velocity: np.ndarray, taken: float = 0.0) -> list[float]:
@@ -87,14 +90,13 @@ def gained(start: Start, position: np.ndarray, velocity: np.ndarray, taken: floa
 def test_energy_that_appears_or_vanishes_stops_the_run(part):
     """The kinetic energy of 0.5 J changes by that part; 0.025 J are allowed."""
     start, x, v = moving()
-    monitor, states = monitor_of(start), ((x, v), (x, v), (x, v * np.sqrt(1.0 + part)))
+    states = (x, v), (x, v), (x, v * np.sqrt(1.0 + part))
     if abs(part) < ENERGY_BOUND:
-        look(monitor, *states)
-        assert monitor.last_good.time == 0.2
+        assert look(start, *states) == 3
         return
     word = "increased" if part > 0.0 else "decreased"
     with pytest.raises(RunStopped, match=f"the energy balance {word}.*by 0.03 J .allowed 0.025") as stop:
-        look(monitor, *states)
+        look(start, *states)
     assert DIVERGED.match(str(stop.value))
     assert "snap" not in str(stop.value)  # both are slack
     assert stop.value.step_cause
@@ -106,11 +108,10 @@ def test_numbers_that_are_not_finite_stop_the_run_at_the_last_sound_state(bad, w
     start, x, v = moving()
     broken = (x, v.copy()) if which == "velocity" else (x.copy(), v)
     broken[which == "velocity"][1, 2] = bad
-    monitor = monitor_of(start)
     with pytest.raises(RunStopped, match=r"not finite; at t = 0\.1 s") as stop:
-        look(monitor, (x, v), (x, v), broken)
+        look(start, (x, v), (x, v), broken)
     assert DIVERGED.match(str(stop.value))
-    assert monitor.last_good.time == 0.1
+    assert stop.value.valid == 2
 
 
 def test_a_stretch_beyond_the_law_is_not_retried():
@@ -178,17 +179,16 @@ def test_a_light_node_that_runs_away_is_noticed_though_its_energy_is_small():
     wrong = start.velocity.copy()
     wrong[1] = [0.0, 3e3, 0.0]  # wave speed 100 m/s; 1e-8 kg, so 0.045 J of 1000 J
     with pytest.raises(RunStopped, match=r"moves at 3e\+03 m/s .*fastest node is 1"):
-        look(monitor_of(start), (start.position, start.velocity), (start.position, wrong))
+        look(start, (start.position, start.velocity), (start.position, wrong))
 
 
 def test_guards_that_look_seldom_still_see_the_last_state_of_a_batch():
     start, x, v = moving()
     with pytest.raises(RunStopped):
-        look(monitor_of(start, every=100), (x, v), (x, v), (x, 2 * v))
-    monitor = monitor_of(start, every=2)
-    with pytest.raises(RunStopped, match=r"diverged at t = 0\.1 s"):
-        look(monitor, (x, v), (x, 2 * v), (x, 2 * v), (x, v))  # and find the first that is wrong
-    assert monitor.last_good.time == 0.0
+        look(start, (x, v), (x, v), (x, 2 * v), every=100)
+    with pytest.raises(RunStopped, match=r"diverged at t = 0\.1 s") as stop:
+        look(start, (x, v), (x, 2 * v), (x, 2 * v), (x, v), every=2)  # and find the first that is wrong
+    assert stop.value.valid == 1
 
 
 def test_a_falling_net_may_turn_its_potential_into_motion():
@@ -433,9 +433,9 @@ def test_a_common_motion_hides_no_loss(effects):
     fallen = np.array([0.0, 0.0, -1e3 if effects else 0.0])
     speed = np.array([7.5e3, 0.0, -np.sqrt(-2 * 9.81 * fallen[2])])
     x, v = start.position, start.velocity - common
-    look(monitor_of(start), (x, v + common), (x + fallen, v * np.sqrt(0.97) + speed))
+    look(start, (x, v + common), (x + fallen, v * np.sqrt(0.97) + speed))
     with pytest.raises(RunStopped, match="the energy balance decreased"):
-        look(monitor_of(start), (x, v + common), (x + fallen, v * np.sqrt(0.7) + speed))
+        look(start, (x, v + common), (x + fallen, v * np.sqrt(0.7) + speed))
 
 
 def test_potentials_of_held_nets_and_of_parts_count_in_the_energy_scale():
@@ -502,10 +502,10 @@ def test_a_failure_of_newtons_method_is_retried_with_half_the_step(monkeypatch):
     """The engine itself hardly ever fails at these scenes."""
     from exunet.integrators.exudyn import stepper
 
-    def give_up(self: stepper.Stepper, until: float) -> None:
+    def give_up(self: stepper.ExudynStepper, times: list[float], *_: object) -> None:
         raise IntegrationFailed("Newton did not converge")
 
-    monkeypatch.setattr(stepper.Stepper, "advance", give_up)
+    monkeypatch.setattr(stepper.ExudynStepper, "step", give_up)
     stop = thrown_until_it_stops({"method": "GeneralizedAlpha", "step": 1e-3, "retry": 1})
     assert "Newton did not converge" in str(stop)
     assert [retry.step_s for retry in stop.result.run.retries] == [5e-4]
@@ -696,17 +696,17 @@ def test_restarts_change_nothing_but_round_off():
         plans.append(plan)
         return plan
 
-    take, calls = Monitor.take, []
+    observe, calls = Balance.observe, []
 
-    def once(self: Monitor, states: States) -> None:
-        take(self, states)
-        if states.time[-1] > 0.22 and not calls:
-            calls.append(states.time[-1])
+    def once(self: Balance, steps: Observed) -> None:
+        observe(self, steps)
+        if steps.states.time[0] >= 0.2 and not calls:
+            calls.append(steps.states.time[0])
             raise RunStopped("by hand", step_cause=True)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rollback, "finer", same)
-        patch.setattr(Monitor, "take", once)
+        patch.setattr(integrate, "finer", same)
+        patch.setattr(Balance, "observe", once)
         again = exunet.run(scene)
     assert len(plans) == len(calls) == 1
     assert 0.2 <= again.run.retries[0].from_time_s < 0.5  # the last stored state that was seen
@@ -728,17 +728,17 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(backend):
     assert whole.run.retries == ()
     broken = whole.run.breaks
     assert len(broken) == 8
-    take, calls = Monitor.take, []
+    observe, calls = EventLog.observe, []
 
-    def once(self: Monitor, states: States) -> None:
+    def once(self: EventLog, steps: Observed) -> None:
         if self.events and not calls:
             calls.append([event.element for event in self.events])
             raise RunStopped("by hand", step_cause=True)
-        take(self, states)
+        observe(self, steps)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rollback, "finer", lambda plan: plan)
-        patch.setattr(Monitor, "take", once)
+        patch.setattr(integrate, "finer", lambda plan: plan)
+        patch.setattr(EventLog, "observe", once)
         again = exunet.run(scene)
     assert calls == [[element.element for element in broken]]
     assert again.run.retries[0].from_time_s < broken[0].time_s

@@ -148,8 +148,8 @@ def test_a_snapshot_while_a_condition_lasts(tmp_path: Path, backend: str) -> Non
     one, other = Simulation(case), Simulation(case)
     one.advance_to(0.7)  # since 0.639 s
     continue_alike(one, other, 1.0, tmp_path)
-    assert one.monitor.events == other.monitor.events
-    assert len(one.monitor.events) == 1
+    assert one.log.events == other.log.events
+    assert len(one.log.events) == 1
 
 
 def test_a_state_between_two_looks_is_seen() -> None:
@@ -217,9 +217,9 @@ def test_a_restart_in_mid_script_goes_on_to_the_last_bit() -> None:
     )
     case = case_of(script)
     one = Simulation(case)
-    assert one.monitor.phase == ""
+    assert one.log.phase == ""
     one.advance_to(0.5)  # after the first, before the second
-    assert one.monitor.phase == "near"
+    assert one.log.phase == "near"
     held = one.snapshot()
     other = Simulation(case)
     other.restore(held)
@@ -227,8 +227,8 @@ def test_a_restart_in_mid_script_goes_on_to_the_last_bit() -> None:
         each.advance_to(0.9)
     assert one.stopped
     assert one.time == other.time == pytest.approx(when_range_is(0.8), abs=3.0 * LOCATED_TO)
-    assert one.monitor.events == other.monitor.events
-    assert [event.entry for event in one.monitor.events] == ["near", "then", "end"]
+    assert one.log.events == other.log.events
+    assert [event.entry for event in one.log.events] == ["near", "then", "end"]
     for name, values in one.snapshot().arrays.items():
         assert np.array_equal(values, other.snapshot().arrays[name]), name
     with pytest.raises(InputError, match=r"the script of the case has ended the run at t = 0\.681"):

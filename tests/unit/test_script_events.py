@@ -13,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scripts import NET, SCENE, case_of, entry
 
 from exunet.forces.terms import Seen
-from exunet.integrators.compiled.loop import CompiledLoop
+from exunet.integrators.compiled.loop import CompiledStepper
 from exunet.model.script import (
     ARMED,
     DONE,
@@ -326,8 +326,8 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
     Taken from a run: the line is taut at 0.04 s, and slack when a thread touches the box for the first time.
     """
     simulation = watching(name if name in HAPPENINGS else f"{name} > 1e9")
-    loop = simulation._integrator
-    assert isinstance(loop, CompiledLoop)
+    loop = simulation.run.stepper
+    assert isinstance(loop, CompiledStepper)
     if name in QUANTITIES:
         simulation.advance_to(BEFORE.get(name, 0.04))
     looks, step = loop._looks, simulation.plan.step
@@ -381,7 +381,7 @@ def test_what_was_ejected_is_observed_where_it_flies(name: str) -> None:
     bound = float(VALUES[name](Sources.of(plain.start.system, "box"), look)[0])
     ours = watching(f"{name} < {bound!r}")
     ours.advance_to(0.2)
-    (event,) = (item for item in ours._monitor.events if item.entry == "never")
+    (event,) = (item for item in ours.log.events if item.entry == "never")
     assert event.time_s == pytest.approx(0.12, abs=1e-6)
 
 
@@ -394,4 +394,4 @@ def test_steps_that_are_taken_again_know_what_touches() -> None:
     case = load(TOW, ["engine.backend=compiled", "time.end=0.4", f"script=[{EJECT}, {again}]"])
     simulation = Simulation(case)
     simulation.advance_to(0.4)
-    assert len(simulation._monitor.events) > 2
+    assert len(simulation.log.events) > 2

@@ -16,7 +16,7 @@ from exunet.base.errors import InputError, RunStopped
 from exunet.integrators.protocol import IntegrationFailed
 from exunet.methods.method import METHODS, Kind
 from exunet.scene.casefile import load
-from exunet.simulation import rollback
+from exunet.simulation import simulation
 from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.simulation import Energies, Simulation
 
@@ -388,13 +388,13 @@ def test_after_ctrl_c_time_and_state_belong_together(backend: str, monkeypatch: 
     sim = Simulation(UNDAMPED, [BACKENDS[backend]])
     sim.advance_to(0.1)
     good, energy = sim.state, sim.energy.total
-    inner = sim._integrator.advance
+    inner = sim.run.stepper.step
 
-    def interrupted(until: float) -> None:
-        inner(0.5 * (sim.time + until))
+    def interrupted(times: list[float], *_: object) -> None:
+        inner([0.5 * (sim.time + times[-1])])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sim._integrator, "advance", interrupted)
+    monkeypatch.setattr(sim.run.stepper, "step", interrupted)
     with pytest.raises(RunStopped, match=r"interrupted.*t = 0\.1 s"):
         sim.advance_to(0.5)
     assert sim.time == 0.1
@@ -402,14 +402,14 @@ def test_after_ctrl_c_time_and_state_belong_together(backend: str, monkeypatch: 
     for _ in range(3):
         sim.advance(0.01)
         assert sim.energy.total == pytest.approx(energy, rel=1e-6)
-    assert sim.monitor.safe.time == sim.time
+    assert sim.run.observers.safe.state.time == sim.time
 
 
 def test_a_run_that_does_not_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    def gives_up(*_: object) -> NoReturn:
+    def gives_up(*_: object, **__: object) -> NoReturn:
         raise IntegrationFailed("no steps at all")
 
-    monkeypatch.setattr(rollback, "integrator", gives_up)
+    monkeypatch.setattr(simulation, "stepper_of", gives_up)
     with pytest.raises(RunStopped, match=r"^not started: no steps at all") as stopped:
         exunet.run(pair_of_masses())
     assert stopped.value.result is None

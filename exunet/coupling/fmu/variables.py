@@ -380,7 +380,7 @@ def _of_net(net: NetSystem) -> Iterator[tuple[list[Variable], Read]]:
         states = instant.states
         for part in (states.kinetic, states.elastic, states.potential):
             yield part[0]
-        yield instant.net.simulation.monitor.dissipated
+        yield instant.net.simulation.balance.dissipated
 
     if own.mouth:
         area = output("mouth_area", "area of the net's mouth", "m2")

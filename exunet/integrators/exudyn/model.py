@@ -15,7 +15,7 @@ from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidBody, RigidStates
 from exunet.bodies.rotations import quaternion_of, rotation_vector
 from exunet.integrators.exudyn.engine import compiled_law, exudyn, exudyn_items
-from exunet.model.system import Memories, Moving
+from exunet.model.system import Layout, Memories, Moving
 
 
 class Coordinates(NamedTuple):
@@ -45,6 +45,15 @@ class Places(NamedTuple):
     def unpack(self, now: Coordinates, time: float | Floats, memory: Memories) -> Moving:
         """What moves, by the engine's coordinates at times (...) [s], with these memories."""
         return self.of_coordinates(now).completed(self.kinematics, time, memory)
+
+    def flat(
+        self, now: Coordinates, time: float | Floats, memory: Memories, layout: Layout
+    ) -> tuple[Floats, Floats]:
+        """The same as x and v, see `exunet.forces.blocks`; copies."""
+        if len(self.bodies) or self.kinematics or not self.free.all():
+            return layout.pack(self.unpack(now, time, memory))
+        x = self.reference.ravel() + now.q[..., self.points]  # points alone: many steps are few rows each
+        return (np.concatenate([x, now.y], axis=-1) if now.y.shape[-1] else x), now.v[..., self.points]
 
     def of_coordinates(self, now: Coordinates) -> Moving:
         """What has coordinates; points without are where they were at the start, and at rest."""

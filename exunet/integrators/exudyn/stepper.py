@@ -8,9 +8,9 @@ step meets within a tight tolerance.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,13 @@ from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
 from exunet.forces.cable_term import Jump, jump_ahead
-from exunet.forces.terms import Change, Seen
+from exunet.forces.terms import Change, Memories
 from exunet.integrators.compiled.steps import TINY_IN_A_ROW
 from exunet.integrators.events import Events
 from exunet.integrators.exudyn.build import build, remember
 from exunet.integrators.exudyn.engine import exudyn
 from exunet.integrators.exudyn.model import Coordinates, Model
-from exunet.integrators.protocol import Arrays, IntegrationFailed, Observer, StepCounts, StepsCollapsed
+from exunet.integrators.protocol import Arrays, IntegrationFailed, StepCounts, Steps, StepsCollapsed
 from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.model.energy import law_of
 from exunet.model.states import States
@@ -246,204 +246,35 @@ def first_line(words: object) -> str:
     return lines[0] if lines else ""
 
 
-_ROWS = 256  # states that the observer gets in one go: enough to be fast, few enough to come soon
-_NUMBERS = 2**19  # of one array; bounds memory
+class ExudynStepper:
+    """Stepper that has Exudyn step; see `exunet.integrators.protocol.Stepper`.
 
-
-class Accepted:
-    """Rows of coordinates, the first of which is the last of those that were taken before."""
-
-    def __init__(self, now: Coordinates) -> None:
-        rows = max(16, min(_ROWS, _NUMBERS // max(1, len(now.q))))
-        self._time = np.empty(rows)
-        self._held = Coordinates(*(np.empty((rows, len(part))) for part in now))
-        self._q, self._v, self._y = self._held
-        self._rows = 0
-
-    def append(self, time: float, now: Coordinates) -> bool:
-        """Add a row; True if there is no room for another."""
-        row = self._rows
-        self._time[row] = time
-        self._q[row], self._v[row] = now.q, now.v
-        if len(now.y):
-            self._y[row] = now.y
-        self._rows = row + 1
-        return self._rows == len(self._time)
-
-    @property
-    def last_time(self) -> float:
-        """[s]"""
-        return float(self._time[self._rows - 1])
-
-    @property
-    def finite(self) -> bool:
-        """True if the last row's velocities are."""
-        return bool(np.isfinite(self._held.v[self._rows - 1]).all())
-
-    def take(self) -> tuple[Floats, Coordinates] | None:
-        """Times (k,) and copies of all rows; None if there is but one row.
-
-        The last row stays as the first.
-        """
-        rows = self._rows
-        if rows < 2:
-            return None
-        time, states = self._time, self._held
-        all_rows = time[:rows].copy(), Coordinates(*(part[:rows].copy() for part in states))
-        for held in (time, *states):
-            held[0] = held[rows - 1]
-        self._rows = 1
-        return all_rows
-
-    def begin_with(self, now: Coordinates) -> None:
-        """An event has changed the state at the time of the only row."""
-        for held, part in zip(self._held, now, strict=True):
-            held[0] = part
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """All rows, for a snapshot."""
-        held = {"time": self._time, **self._held._asdict()}
-        return {f"rows/{name}": part[: self._rows].copy() for name, part in held.items()}
-
-    def restore(self, arrays: Arrays) -> None:
-        """Go back to what `arrays` gave."""
-        self._rows = len(arrays["rows/time"])
-        for name, held in {"time": self._time, **self._held._asdict()}.items():
-            held[: self._rows] = arrays[f"rows/{name}"]
-
-
-class Observed:
-    """The accepted states of a run, passed to the observer in batches."""
-
-    def __init__(self, system: System, events: Events, observer: Observer) -> None:
-        self._system, self._events, self._observer = system, events, observer
-        memories = (term.memory for term in system.forces.memories)
-        self._keeps = any(memory is not None and memory.kept_in for memory in memories)
-        self._lets_remember = any(call.remember is not None for call in system.forces.calls)
-        self._accepted: Accepted | None = None
-
-    def open(self, model: Model, state: State) -> None:
-        """The steps are those of a model that was built at a state."""
-        self._model = model
-        self.remember(state.memory)
-        if self._accepted is None:
-            self._accepted = Accepted(model.coordinates())
-            self._append(state.time, model.coordinates())
-
-    @property
-    def accepted(self) -> Accepted:
-        """The states that the observer has not received."""
-        assert self._accepted is not None
-        return self._accepted
-
-    def report_memories(self, time: float) -> None:
-        """Report the memories at a time [s]; raises what the observer raises."""
-        self._events.report(time, self._remembered(), self.flush)
-
-    def end_step(self, end: float, now: Coordinates) -> None:
-        """Let compiled code change its memories at the end [s] of a step with these coordinates."""
-        if self._lets_remember:
-            self._model.applied.accepted(end, now.q, now.v)
-
-    def add(self, end: float, now: Coordinates, *, last: bool) -> None:
-        """Take the accepted step that ends at a time [s] with these coordinates.
-
-        last : no other comes before somebody asks for the state
-        """
-        self._append(end, now)
-        if last and not self.accepted.finite:
-            self.flush()
-
-    def change(self, time: float, change: Change) -> None:
-        """An event is about to change memories, or the state, at a time [s]."""
-        if change.quiet:
-            return
-        if self.accepted.last_time != time:
-            self._append(time, self._model.coordinates())
-        self.flush()  # so that no batch has states from before and after
-
-    def changed(self, now: Coordinates) -> None:
-        """Events have made another state of the last one."""
-        self.accepted.begin_with(now)
-
-    def _append(self, time: float, now: Coordinates) -> None:
-        if self.accepted.append(time, now):
-            self.flush()
-
-    def flush(self) -> None:
-        """Let the observer see the states that it has not seen."""
-        rows = self.accepted.take()
-        if rows is not None:
-            time, states = rows
-            self.recall()
-            moving = self._model.places.unpack(states, time, self._events.memory)
-            x, v = self._system.layout.pack(moving)
-            self._observer.take(States(self._system, time, x, v, self._events.memory))
-
-    def remember(self, memory: Arrays) -> None:
-        """Let all forces take the memories as they are now."""
-        remember(self._model, self._system, memory)
-
-    def recall(self) -> None:
-        """Take over the memories that compiled code has changed itself."""
-        for name, values in self._remembered():
-            self._events.memory[name][:] = values
-
-    def _remembered(self) -> Iterator[tuple[str, Floats]]:
-        """These memories, with their names; not copies."""
-        if self._keeps:
-            yield from self._model.applied.remembered.items()
-
-    def push(self, force: Floats) -> None:
-        """Forces (n_points, 3) [N] from outside, from now on."""
-        self._model.applied.push(force)
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """For a snapshot: states that are not flushed, and all memories."""
-        self.recall()
-        memory = {f"memory/{name}": values.copy() for name, values in self._events.memory.items()}
-        return {**self.accepted.arrays(), **memory}
-
-    def restore(self, arrays: Arrays) -> None:
-        """Go back to what `arrays` gave, in a model that has the memories."""
-        self.accepted.restore(arrays)
-
-
-class Stepper:
-    """The integrator that has Exudyn step; see `exunet.integrators.protocol.Integrator`.
-
-    The observer gets every accepted state.
+    A call of `step` is one call of the engine, and returns each state.
     """
 
-    def __init__(
-        self,
-        system: System,
-        state: State,
-        plan: Plan,
-        observer: Observer,
-    ) -> None:
+    def __init__(self, system: System, state: State, plan: Plan) -> None:
         self._system, self._plan = system, plan
         self._method = METHODS[plan.method]
         self._adaptive = self._method.kind == Kind.ADAPTIVE
-        self._events = Events(system, state.memory, observer)
-        self._observed = Observed(system, self._events, observer)
+        self._memory = {name: np.array(values, dtype=float) for name, values in state.memory.items()}
+        memories = (term.memory for term in system.forces.memories)
+        self._keeps = any(memory is not None and memory.kept_in for memory in memories)
+        self._lets_remember = any(call.remember is not None for call in system.forces.calls)
+        self._events = Events(system, self)  # ahead of which adaptive steps end
         self._counts = StepCounts()
         self._newton_before = 0  # in solvers that were started before
         self._pushed: Floats | None = None
-        self.time = state.time
+        # Equal steps between two times: begin, end, number, steps before; number 0: none to go on with.
+        self._equal = np.zeros(4)
         self._open(state)
-        self._changed: Coordinates | None = None  # by an event, to begin anew with
-        self._begin: _Begin | None = None  # of a step in which a condition is watched
-        self._aim = math.inf  # [s] just before or after a condition comes true, where a step is to end
-        self._until = state.time
 
     def _open(self, state: State) -> None:
         """Build the model at a state, and start the engine's solver there."""
         room = self._pushed is not None
         self._model = build(self._system, state, self._plan, pushed=room)
-        self._observed.open(self._model, state)
+        remember(self._model, self._system, state.memory)
         if self._pushed is not None:
-            self._observed.push(self._pushed)
+            self._model.applied.push(self._pushed)
         self._settings = settings_for(self._model, self._plan, state.time)
         self._start()
         self._idle_at(state.time)
@@ -451,9 +282,10 @@ class Stepper:
         self._choice = StepChoice(self._plan, self._solver, self._settings, self._jump if jumps else None)
 
     def _idle_at(self, time: float) -> None:
-        """Between two stretches."""
-        self.time = self._step_start = self._attempt_end = time
-        self._attempting = False
+        """Between two calls of the engine."""
+        self.time = self._attempt_end = time
+        self._attempting = self._stale = False  # stale: the solver is to begin anew
+        self._changed: Coordinates | None = None  # by an event, to begin anew with
         self._stop: BaseException | None = None
 
     def _start(self) -> None:
@@ -477,18 +309,36 @@ class Stepper:
         return self._method.kind != Kind.IMPLICIT  # whose algorithmic accelerations the engine does not give
 
     @property
-    def stopped(self) -> bool:
-        return self._events.stopped
+    def memory(self) -> dict[str, Floats]:
+        if self._keeps:
+            for name, values in self._model.applied.remembered.items():
+                self._memory[name][:] = values
+        return self._memory
 
-    def advance(self, until: float) -> None:
-        if self._events.is_due(self.time) and self._look_for_events(self.time):
+    @property
+    def kept(self) -> dict[str, Floats]:
+        kept = self._model.applied.remembered if self._keeps else {}
+        return {name: values.copy() for name, values in kept.items()}
+
+    def flat(self) -> tuple[Floats, Floats]:
+        return self._model.places.flat(self._now, self.time, self.memory, self._system.layout)
+
+    @property
+    def _now(self) -> Coordinates:
+        return self._changed or self._model.coordinates()
+
+    def _copied(self) -> Coordinates:
+        return Coordinates(*(np.array(part) for part in self._now))
+
+    def step(
+        self, times: Sequence[float], most: int | None = None, until_true: Callable[[], bool] | None = None
+    ) -> Steps:
+        if self._stale:
             self._renew()
-        while self.time < until and not self.stopped:
-            self._stretch(self._events.next_instant(self.time, min(until, self._aim)))
-        self._observed.report_memories(self.time)
-
-    def _stretch(self, until: float) -> None:
-        self._set_stretch(until)
+        until = float(times[-1])
+        self._rows: list[tuple[float, Floats, Floats, Floats]] = []
+        self._until_true = until_true
+        self._begin(until)
         words = ""
         try:
             with postponed() as self._check_interrupt:
@@ -499,49 +349,40 @@ class Stepper:
                 self._stop = error.__cause__
         self._counts.newton_iterations = self._newton_before + int(self._solver.it.newtonStepsCount)
         if self._stop is not None:
-            stop, self._stop = self._stop, None
-            if not isinstance(stop, _BeginAnew):
+            if isinstance(self._stop, IntegrationFailed):
+                self._stop.steps = self._steps()
+            if not isinstance(self._stop, _Ended):
+                stop, self._stop = self._stop, None
                 raise stop
-            self._choice.end_stretch(self._step_start)
-            self._idle_at(self._step_start)
-            self._renew()
-            return
+            self._choice.end_stretch(self.time)
+            self._idle_at(self.time)
+            self._stale = True
+            return self._steps()
         if not done:
-            self.flush()
-            raise IntegrationFailed(
-                words or first_line(self._solver.GetErrorString()) or "the engine stopped"
-            )
-        if self._attempting:
-            self._counts.steps += 1
+            words = words or first_line(self._solver.GetErrorString()) or "the engine stopped"
+            raise IntegrationFailed(words, self._steps())
         self._choice.end_stretch(self._model.system.systemData.GetTime())
+        self._counts.steps += self._attempting
         self._idle_at(until)
-        self._aim = math.inf
-        self._observed.end_step(until, self._model.coordinates())
-        if self._go_back(until):
-            self._idle_at(self._step_start)
-            self._choice.accepted(self._step_start)
-            self._renew()
-            return
-        self._observed.add(until, self._model.coordinates(), last=True)
-        if self._look_for_events(until) and not self.stopped:
-            self._renew()
+        self._accept(until, self._model.coordinates())
+        return self._steps()
 
-    def _set_stretch(self, until: float) -> None:
-        self._until = until
-        self._begin = None
-        if self._events.watches:
-            self._begin = self._watched(self.time, *self._flat(self.time))
+    def _begin(self, until: float) -> None:
+        """Set the engine's steps to a time [s]."""
         self._model.refresh()
         progress = self._solver.it
         self._choice.begin_stretch(until)
         progress.endTime = ends_at(until) if self._adaptive else until
         if self._plan.step is not None:
             # Equal steps, none longer than asked, so that stored times are hit exactly.
-            span = until - self.time
-            number = max(1, math.ceil(span / self._plan.step * (1 - 1e-9)))
-            progress.startTime = self.time
-            progress.currentStepIndex = 1
-            progress.currentStepSize = progress.maxStepSize = progress.initialStepSize = span / number
+            if not (self._equal[2] and self._equal[1] == until):
+                number = max(1, math.ceil((until - self.time) / self._plan.step * (1 - 1e-9)))
+                self._equal[:] = self.time, until, number, self._counts.steps
+            begin, _, parts, before = self._equal.tolist()
+            progress.startTime = begin
+            progress.currentStepIndex = 1 + self._counts.steps - int(before)
+            step = (until - begin) / parts
+            progress.currentStepSize = progress.maxStepSize = progress.initialStepSize = step
 
     def _before_attempt(self, _mbs: Any, end_of_attempt: float) -> bool:
         """Engine callback before each attempted step; the state is still that of the step's start."""
@@ -550,119 +391,91 @@ class Stepper:
             if rejected:
                 self._counts.rejected += 1
             elif self._attempting:
-                self._step_done(self._attempt_end)
+                self._choice.accepted(self._attempt_end)
+                self._counts.steps += 1
+                if self._accept(self._attempt_end, self._model.coordinates_in_call()):
+                    raise _Ended
             self._check_interrupt()
             if self._adaptive:
                 end_of_attempt = self._choice.choose(end_of_attempt, self._attempting, rejected)
-                self._choice.refuse_collapse(self._step_start)
+                self._choice.refuse_collapse(self.time)
             self._attempting = True
             self._attempt_end = end_of_attempt
             if self._adaptive:
-                if self._events.in_steps:
+                if self._events.any:
                     self._shorten()
                 self._choice.attempted()
         except BaseException as error:
-            self._stop = error  # advance() raises it again
+            self._stop = error  # step() raises it again
             raise  # returning False would not end the engine's search for a smaller step
         return True
 
-    def _step_done(self, time: float) -> None:
-        self._counts.steps += 1
-        self._step_start = time
-        self._choice.accepted(time)
-        self._observed.end_step(time, self._model.coordinates_in_call())
-        if self._go_back(time):
-            raise _BeginAnew
-        self._observed.add(time, self._model.coordinates_in_call(), last=time >= self._until)
-        if self._look_for_events(time):
-            raise _BeginAnew
+    def _accept(self, time: float, now: Coordinates) -> bool:
+        """Take an accepted step that ends at a time [s]; True if a test ends the call there."""
+        self.time = time
+        if self._equal[2] and self._counts.steps - self._equal[3] >= self._equal[2]:
+            self._equal[2] = 0.0
+        if self._lets_remember:
+            self._model.applied.accepted(time, now.q, now.v)
+        self._rows.append((time, now.q.copy(), now.v.copy(), now.y.copy()))
+        return self._until_true is not None and self._until_true()
+
+    def _steps(self) -> Steps:
+        """The states of the steps of a call."""
+        if not self._rows:
+            x, v = (np.zeros((0, size)) for size in (self._system.blocks.n_x, self._system.blocks.n_v))
+            return Steps(States(self._system, np.zeros(0), x, v, self._memory))
+        if len(self._rows) == 1:
+            ((time, *parts),) = self._rows
+            rows, times = Coordinates(*(part[None] for part in parts)), np.array([time])
+        else:
+            ends, *stacks = zip(*self._rows, strict=True)
+            rows, times = Coordinates(*map(np.array, stacks)), np.array(ends)
+        x, v = self._model.places.flat(rows, times, self.memory, self._system.layout)
+        return Steps(States(self._system, times, x, v, self._memory))
 
     def _shorten(self) -> None:
         """Make the step that is about to be tried end near the next event."""
-        x, v = self._flat(self._step_start)
-        step, least = self._attempt_end - self._step_start, 8.0 * self._plan.least_step
-        shorter = self._events.step_within(step, least, x, v)
+        step, least = self._attempt_end - self.time, 8.0 * self._plan.least_step
+        shorter = self._events.shortened(step, least)
         if shorter < step:
             progress = self._solver.it
             progress.currentStepSize = shorter
-            progress.currentTime = self._attempt_end = self._step_start + shorter
+            progress.currentTime = self._attempt_end = self.time + shorter
 
     def _jump(self, within: float) -> Jump | None:
         """The next jump of the forces ahead of the state at a step's start."""
         now = self._model.coordinates()
         # The last stage of the adaptive methods was evaluated at the last step's end.
         after = np.array(self._model.system.systemData.GetODE2Coordinates_tt())
-        position, velocity, *_ = self._model.places.unpack(now, self._step_start, self._events.memory)
+        position, velocity, *_ = self._model.places.unpack(now, self.time, self._memory)
         acceleration = self._model.places.of_coordinates(now._replace(v=after)).velocity
-        law = law_of(self._system.forces, self._events.memory)
+        law = law_of(self._system.forces, self._memory)
         state = (position, velocity, acceleration)
         assert self._plan.tolerance is not None
-        return jump_ahead(self._system.blocks, law, within, self._plan.tolerance, self._step_start, state)
+        return jump_ahead(self._system.blocks, law, within, self._plan.tolerance, self.time, state)
 
-    def _flat(self, time: float) -> tuple[Floats, Floats]:
-        """The state now, at a time [s], as x and v, see `exunet.forces.blocks`; copies."""
-        now = self._model.places.unpack(self._model.coordinates(), time, self._events.memory)
-        return self._system.layout.pack(now)
+    def change(self, change: Change, memory: Memories) -> None:
+        self._remember(memory)
+        if change.x is not None or change.v is not None:
+            x, v = self.flat()
+            x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
+            self._changed = self._model.places.pack(self._system.layout.unpack(x, v), self._now)
+            self._begin_anew()
+        elif self._method.remembers_acceleration:
+            self._begin_anew()
 
-    def _look_for_events(self, time: float) -> bool:
-        """True if one, at the end of an accepted step, makes the solver begin anew."""
-        if not self._events.any:
-            return False
-        self._observed.recall()
-        found = moved = False
-        x, v = self._flat(time)
-        for name, change in self._events.at(time, x, v):
-            found = True
-            self._observed.change(time, change)
-            for held, other in ((x, change.x), (v, change.v)):
-                if other is not None:
-                    held[:] = other
-                    moved = True
-            self._observed.remember(self._events.memory_after(name, change))
-        if moved:
-            places, now = self._model.places, self._model.coordinates()
-            self._changed = places.pack(self._system.layout.unpack(x, v), now)
-            self._observed.changed(self._changed)
-        self._begin = self._watched(time, x, v)
-        planned = found and self._events.next_instant(time, self._until) < self._until
-        return moved or self.stopped or planned or (found and self._method.remembers_acceleration)
+    def _begin_anew(self) -> None:
+        self._stale, self._equal[2] = True, 0.0
 
-    def _watched(self, time: float, x: Floats, v: Floats) -> _Begin | None:
-        """The beginning of a step in which conditions are watched."""
-        if not self._events.watches:
-            return None
-        now = self._changed or Coordinates(*(np.array(part) for part in self._model.coordinates()))
-        memory = {name: values.copy() for name, values in self._events.memory.items()}
-        return _Begin(self._seen(time, x, v), now, memory)
-
-    def _seen(self, time: float, x: Floats, v: Floats) -> Seen:
-        return self._events.seen(np.array([time]), x[None].copy(), v[None].copy())
-
-    def _go_back(self, time: float) -> bool:
-        """Return to the start of the step that ends at a time [s] if a condition comes true before its end.
-
-        The solver is then to begin anew there, for a step that ends near the crossing.
-        """
-        if self._begin is None:
-            return False
-        self._observed.recall()
-        end = self._seen(time, *self._flat(time))
-        target = self._events.crossing(self._begin.seen, end)
-        if target is None or not target < time:
-            self._events.steps_done(end)
-            return False
-        self._counts.steps -= 1
-        self._counts.rejected += 1
-        self._aim, self._changed = target, self._begin.coordinates
-        self._step_start = float(self._begin.seen.time[0])
-        self._events.memory.update({name: values.copy() for name, values in self._begin.memory.items()})
-        self._observed.remember(self._events.memory)
-        return True
+    def _remember(self, memory: Memories) -> None:
+        """Let all forces take the discrete states as they are now."""
+        self._memory = {name: np.array(values, dtype=float) for name, values in memory.items()}
+        remember(self._model, self._system, self._memory)
 
     def _renew(self) -> None:
         """Start the solver again where it stands, or at the state that an event has made."""
-        now = self._changed or Coordinates(*(np.array(part) for part in self._model.coordinates()))
-        self._changed = None
+        now, self._changed, self._stale = self._copied(), None, False
         kinds = exudyn().ConfigurationType
         put(self._model, now, self.time, kinds.Initial)
         self._settings.timeIntegration.startTime = self.time
@@ -673,14 +486,9 @@ class Stepper:
             self._choice.restore(choice.numbers())
         self._newton_before = newton
 
-    def flush(self) -> None:
-        self._observed.flush()
-
     def state(self) -> State:
-        self._observed.recall()
-        memory = {name: values.copy() for name, values in self._events.memory.items()}
-        now = Coordinates(*(np.array(part) for part in self._model.coordinates()))
-        return State.of(self.time, self._model.places.unpack(now, self.time, memory), memory)
+        memory = {name: values.copy() for name, values in self.memory.items()}
+        return State.of(self.time, self._model.places.unpack(self._copied(), self.time, memory), memory)
 
     def view(self) -> State:
         return self.state()
@@ -698,50 +506,58 @@ class Stepper:
         self._pushed = force.copy()
         if self._model.applied is None:  # connectors alone: build them again with room for other forces
             self._open(self.state())
-        self._observed.push(force)
+        self._model.applied.push(force)
         self._forces_changed()
 
     def set_inputs(self, inputs: Arrays) -> None:
-        self._observed.recall()
-        for name, values in inputs.items():
-            self._events.memory[name] = values.copy()
-        self._observed.remember(self._events.memory)
+        self._remember({**self.memory, **inputs})
         self._forces_changed()
 
     def _forces_changed(self) -> None:
         if self._method.remembers_acceleration:
-            self._renew()
+            self._begin_anew()
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
+    def save(self) -> dict[str, NDArray[Any]]:
+        if self._stale and not self._attempting:
+            self._renew()
         data = self._model.system.systemData
-        arrays = {
+        return {
             "time": np.array(self.time),
             # Displacements: their sum with the reference loses bits.
-            **{name: np.array(part) for name, part in self._model.coordinates()._asdict().items()},
+            **self._copied()._asdict(),
             "a": np.array(data.GetODE2Coordinates_tt()),  # what VelocityVerlet's next step begins with
             "counts": np.array([self._counts.steps, self._counts.rejected]),
             "choice": self._choice.numbers(),
-            **self._observed.arrays(),
+            "equal": self._equal.copy(),
+            **{f"memory/{name}": values.copy() for name, values in self.memory.items()},
+            "pushed": np.zeros((0, 3)) if self._pushed is None else self._pushed.copy(),
         }
-        pushed = np.zeros((0, 3)) if self._pushed is None else self._pushed.copy()
-        return {**arrays, "pushed": pushed}
 
-    def restore(self, arrays: Arrays) -> None:
+    def load(self, arrays: Arrays, rejected: int | None = None) -> None:
         """The solver is started anew: nothing of what it did since then may be left in it."""
+        time, engines_time = float(arrays["time"]), float(arrays["choice"][0])
+        now = Coordinates(*(np.array(arrays[name]) for name in Coordinates._fields))
+        memory = {name: arrays[f"memory/{name}"] for name in self._memory}
+        steps = int(arrays["counts"][0])
+        self._equal[:] = arrays["equal"]
+        if rejected is not None:  # of the same solver, whose control goes on
+            self._remember(memory)
+            self._choice.accepted(time)
+            self._counts = replace(self._counts, steps=steps, rejected=rejected)
+            self._idle_at(time)
+            self._changed, self._stale = now, True
+            return
         pushed = np.array(arrays["pushed"]) if len(arrays["pushed"]) else None
         if (pushed is None) != (self._pushed is None):
             self._pushed = pushed
             self._open(self.state())
         if pushed is not None:
             self._pushed = pushed
-            self._observed.push(pushed)
-        for name in self._events.memory:
-            self._events.memory[name] = np.array(arrays[f"memory/{name}"])
-        self._observed.remember(self._events.memory)
-        time, engines_time = float(arrays["time"]), float(arrays["choice"][0])
+            self._model.applied.push(pushed)
+        self._remember(memory)
         self._settings = settings_for(self._model, self._plan, time)
         kinds, data = exudyn().ConfigurationType, self._model.system.systemData
-        now, accelerations = Coordinates(arrays["q"], arrays["v"], arrays["y"]), arrays["a"]
+        accelerations = arrays["a"]
         put(self._model, now, engines_time, kinds.Initial)  # for the solver to start from
         data.SetODE2Coordinates_tt(accelerations, kinds.Initial)
         self._start()
@@ -750,18 +566,10 @@ class Stepper:
         jump = self._choice.jump
         self._choice = StepChoice(self._plan, self._solver, self._settings, jump)
         self._choice.restore(arrays["choice"])
-        self._counts = StepCounts(*(int(number) for number in arrays["counts"]))
+        self._counts = StepCounts(steps, int(arrays["counts"][1]))
+        self._newton_before = 0
         self._idle_at(time)
-        self._observed.restore(arrays)
 
 
-class _Begin(NamedTuple):
-    """Start of a step: as conditions are evaluated, and what is restored to repeat the step."""
-
-    seen: Seen
-    coordinates: Coordinates
-    memory: dict[str, Floats]
-
-
-class _BeginAnew(Exception):
-    """An event has changed what the engine's solver has in hand."""
+class _Ended(Exception):
+    """A test has ended a call of the engine at the end of a step."""

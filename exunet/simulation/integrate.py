@@ -1,0 +1,385 @@
+"""The loop of a run: step to the next stop or event, let it act, pass states to observers, go back and retry.
+
+A *stop* is a time to which a run, or the caller of a simulation, goes. The state there is marked: it is
+stored, and checked by the guards. Observers see blocks of states: before somebody reads a state, before an
+event changes it, and when a block is full. A run that fails goes back to its last safe state, and on with
+finer steps through the same stops, with the same external forces and inputs.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.arrays import Floats
+from exunet.base.errors import Interrupted, RunStopped
+from exunet.base.files import group_of, grouped
+from exunet.base.interrupt import postponed
+from exunet.forces.terms import Change, Memories, Seen
+from exunet.integrators.events import Events, memories_of
+from exunet.integrators.protocol import Arrays, IntegrationFailed, StepCounts, Stepper, Steps, StepsCollapsed
+from exunet.methods.method import Plan, finer
+from exunet.model.system import State, System
+from exunet.simulation.block import Block
+from exunet.simulation.external import ExternalInputs, Stops
+from exunet.simulation.observers import Event, Observers
+
+_MANY = 2**31  # steps: as many as a stepper takes in one go
+_INTERVAL = 0.2  # [s] of wall time after which a run reacts to an interrupt
+Checkpoint = Callable[[], None]
+
+
+class _Begin(NamedTuple):
+    """Beginning of steps in which conditions are watched."""
+
+    seen: Seen
+    arrays: dict[str, NDArray[Any]]
+
+
+class Integration:
+    """A stepper on its way through the stops of a run, with events and observers.
+
+    make     : makes a stepper at a state with a plan
+    retries  : how often a run that fails because of its steps goes back and on with finer ones
+    together : stops that one call of the stepper may go through
+    """
+
+    def __init__(
+        self,
+        system: System,
+        state: State,
+        plan: Plan,
+        make: Callable[[State, Plan], Stepper],
+        observers: Observers,
+        *,
+        retries: int = 0,
+        together: int = 1,
+    ) -> None:
+        self.system, self.plan, self._make, self.observers = system, plan, make, observers
+        self.retries, self.spent, self.seconds = retries, StepCounts(), 0.0
+        self.external = ExternalInputs(system)
+        self.acting = self.external.at_start
+        self._stops, self._together, self._at_once = Stops(), together, 1
+        self._begin_at(state)
+
+    def _begin_at(self, state: State) -> None:
+        """Begin with a new stepper at a state, with the present plan."""
+        began = clock.perf_counter()
+        self.observers.explain(self.plan)
+        try:
+            self.stepper = self._make(state, self.plan)
+        except IntegrationFailed as failure:
+            raise RunStopped(f"not started: {failure}") from failure
+        self._memory: Memories = dict(state.memory)  # of states; without what steps have changed since
+        self._events = Events(self.system, self.stepper)
+        self._block = Block(self.system, state.time, *self.stepper.flat(), 16 + self._together)
+        self._before: _Begin | None = None
+        self._crossed = self._changed = False  # a condition, within the last step; discrete states, by events
+        self._to_come: list[int] = []  # numbers of steps to take without a test, the next one last
+        self._let_act(self.external.at_start)
+        self.observers.built(self.stepper.items, clock.perf_counter() - began)
+
+    @property
+    def time(self) -> float:
+        """Present time [s]."""
+        return self.stepper.time
+
+    @property
+    def counts(self) -> StepCounts:
+        """Steps and force evaluations so far, of all attempts."""
+        return self.spent + self.stepper.counts
+
+    @property
+    def stopped(self) -> bool:
+        """True once the script of the case has ended the run."""
+        return self._events.stopped
+
+    # From stop to stop
+
+    def go(
+        self, times: Sequence[float], checkpoint: Checkpoint | None = None, *, settle: bool = False
+    ) -> None:
+        """Go through times [s], or to the end of the run by a script.
+
+        checkpoint : called after each stop
+        settle     : let observers see all states at the end
+
+        Raises RunStopped if the run fails and no retry is left, Interrupted on Ctrl-C.
+        """
+        stops = self._stops
+        for time in times:
+            stops.add(time, self.acting)
+        try:
+            while True:
+                began = clock.perf_counter()
+                ahead = None if self._events.stopped else stops.next(self.stepper.time, self._at_once)
+                if ahead is None and not settle:
+                    break
+                try:
+                    with postponed() as check_interrupt:  # Ctrl-C must not interrupt the check of a block
+                        if ahead is None:
+                            self._flush()
+                            break
+                        self.act(ahead[1])
+                        self._advance(ahead[0], check_interrupt)
+                except (RunStopped, IntegrationFailed) as failure:
+                    self._retry(self._failure(failure))
+                    continue
+                except KeyboardInterrupt:
+                    raise self.interrupted() from None
+                finally:
+                    self.seconds += clock.perf_counter() - began
+                if clock.perf_counter() - began < _INTERVAL:
+                    self._at_once = min(2 * self._at_once, self._together)
+                if checkpoint is not None:
+                    checkpoint()
+        except BaseException:
+            stops.forget_after(self.time)
+            raise
+        stops.forget_until(self.observers.safe.state.time)
+
+    def settle(self) -> None:
+        """Let observers see all states; if steps failed, return to this time with finer steps."""
+        self.go((), settle=True)
+
+    def _advance(self, times: list[float], check_interrupt: Checkpoint) -> None:
+        """Step to the next stop, or through some, and let events happen on the way."""
+        until, events, stepper, self._changed = times[-1], self._events, self.stepper, False
+        if events.is_due(stepper.time):
+            self._happen()
+        time = stepper.time
+        while time < until and not events.stopped:
+            target = events.next_instant(time, until)
+            self._step(times if target == until else [target], until)
+            self._happen()
+            if (time := stepper.time) < until:
+                check_interrupt()
+        if self._changed and not self._block.remember(kept := events.kept):
+            self.observers.changed_at(stepper.time, self._memory, kept)
+        if not self._block.finite:
+            self._flush()
+        self.observers.arrived()
+        check_interrupt()
+
+    # Steps and events
+
+    def _step(self, times: Sequence[float], until: float) -> None:
+        """Take steps to the last of some times, or fewer.
+
+        Of several steps in one of which a condition that is watched comes true, those before it are taken
+        again, then that step alone, which is made to end there.
+        """
+        events, stepper = self._events, self.stepper
+        if not events.watches:
+            self._before = None
+            self._add(stepper.step(times, None, self._ends if events.any else None), until)
+            return
+        most = self._to_come.pop() if self._to_come else _MANY
+        before = self._before = self._begin()
+        self._crossed = False
+        steps = stepper.step(times, most, self._ends)
+        if steps.watched is not None and len(steps.watched.time):
+            first = events.comes_true(steps.watched)
+            if first is not None and most != 1:
+                self._to_come = [1, first] if first else [1]
+                self._take_back(before)
+                return
+            self._crossed = first is not None
+        if self._crossed:
+            self._locate(steps, until)
+        else:
+            self._add(steps, until)
+
+    def _ends(self) -> bool:
+        """At the end of an accepted step: True if a condition came true within it, or an event is due."""
+        if self._before is not None:
+            now = self._events.now()
+            target = self._events.crossing(self._before.seen, now)
+            if target is not None and target < self.time:
+                self._crossed = True
+                return True
+            self._events.steps_done(now)
+            self._before = self._begin()
+        return self._events.happen()
+
+    def _begin(self) -> _Begin:
+        return _Begin(self._events.now(), self.stepper.save())
+
+    def _take_back(self, before: _Begin) -> None:
+        """Go back to the beginning of steps; the last counts as rejected."""
+        self.stepper.load(before.arrays, self.stepper.counts.rejected + 1)
+
+    def _locate(self, steps: Steps, until: float) -> None:
+        """Make the last step end where a condition comes true in it; steps that end before are accepted."""
+        before, beyond, everywhere = self._before, math.inf, steps.watched is None
+        assert before is not None
+        self._add(steps._replace(states=steps.states[:-1], extremes=None), until)
+        taken = [steps._replace(states=steps.states[-1:])]
+        while True:
+            now = self._events.now()
+            target = self._events.crossing(before.seen, now)
+            if target is not None and target < self.time:
+                beyond, taken = self.time, []
+                self._take_back(before)
+            else:
+                self._events.steps_done(now)
+                for part in taken:
+                    self._add(part, until)
+                # A stepper that tests each step goes on by itself; others go on to where it had come true.
+                if target is not None or everywhere or not self.time < beyond < math.inf:
+                    return
+                if not self._events.watches:
+                    return
+                before, target, taken = self._begin(), beyond, []
+            while self.time < target:
+                part = self.stepper.step([target], 1)
+                taken.append(part._replace(states=part.states[np.arange(len(part.states))]))  # a copy
+
+    def _add(self, steps: Steps, until: float) -> None:
+        """Add accepted steps to the block; a state at a stop is marked, and each where stops go together."""
+        block, states, at, number = self._block, steps.states, 0, steps.states.time.size
+        block.gather(steps.extremes)
+        while at < number:
+            first = block.rows
+            at = block.add(states, at)
+            wrong = False
+            if self._together > 1:
+                block.mark({}, first)
+            elif at == number and states.time[-1] == until:
+                block.mark(kept := self._events.kept)
+                wrong = bool(kept) and self.observers.finds_wrong(kept)
+            if wrong or self._together > 1 or block.rows == block.room:
+                self._flush()
+
+    def _flush(self) -> None:
+        """Let observers see the states that they have not seen; raise RunStopped at one that is not valid."""
+        if (steps := self._block.take(self._memory)) is not None:
+            self.observers.see(steps)
+
+    def _happen(self) -> None:
+        """Let what is due happen, twice where an event changes a state: it may make another due."""
+        stepper = self.stepper
+        acts = self._events.any
+        for _ in range(2):
+            if not acts:
+                return
+            acts = False
+            x, v = stepper.flat()
+            for name, change in self._events.at(stepper.time, x, v):
+                memory = {**stepper.memory, **memories_of(name, change)}
+                self._changed = True
+                if change.quiet:
+                    stepper.change(change, memory)
+                    continue
+                acts = True
+                self._apply(name, change, memory)
+                for held, new in ((x, change.x), (v, change.v)):
+                    if new is not None:
+                        held[:] = new
+
+    def _apply(self, name: str, change: Change, memory: Memories) -> None:
+        """Apply an event, once observers have seen all states before it."""
+        block, kept, time = self._block, self._events.kept, self.time
+        if block.time != time:
+            block.put(time, *self.stepper.flat())
+        if change.stops and not block.remember(kept) and time > self.observers.stored.state.time:
+            block.mark(kept)
+        self._flush()
+        self.stepper.change(change, memory)
+        self._memory = {**self._memory, **memories_of(name, change)}
+        block.changed(change)
+        self.observers.changed(Event(time, name, change), self._memory, self._events.kept)
+
+    # Going back
+
+    def _failure(self, failure: RunStopped | IntegrationFailed) -> RunStopped:
+        """Return the error for a stepper that failed: of its last states, else its own."""
+        if isinstance(failure, RunStopped):
+            return failure
+        try:
+            if failure.steps is not None:
+                self._add(failure.steps, math.nan)
+            self._flush()
+        except RunStopped as stop:
+            return stop
+        return self.observers.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
+
+    def _retry(self, stop: RunStopped) -> None:
+        """Go back to the last safe state with finer steps; raise the error if no retry is left."""
+        plan = finer(self.plan) if stop.step_cause and self.retries else None
+        if plan is None:
+            self._end()
+            raise stop
+        self.plan, self.retries = plan, self.retries - 1
+        self._go_back()
+        self.observers.retried(str(stop), self.time, plan)
+
+    def _go_back(self) -> None:
+        self.spent = self.spent + self.stepper.counts
+        self._begin_at(self.observers.back_to_safe())
+
+    def _end(self) -> None:
+        """End a run at its last stored state; one that stores nothing is then at its last safe state."""
+        if self.observers.record is None:
+            self._go_back()
+        else:
+            self.observers.back_to_stored()
+
+    def interrupted(self) -> Interrupted:
+        """Return the error for Ctrl-C, with the last checked time, and end the run there."""
+        with suppress(RunStopped):  # observers have the last valid state
+            self._flush()
+        self._end()
+        if self.observers.record is not None:
+            return Interrupted(f"interrupted after t = {self.observers.record.until:.6g} s")
+        return Interrupted(f"interrupted; the simulation is at its last valid state, t = {self.time:.6g} s")
+
+    # External forces, snapshots
+
+    def act(self, acting: Floats) -> None:
+        """Set external forces and inputs from now on (see `ExternalInputs`)."""
+        if acting is self.acting or np.array_equal(acting, self.acting):
+            return
+        self._flush()
+        before, self.acting = self.acting, acting
+        self._let_act(before)
+
+    def _let_act(self, before: Floats) -> None:
+        force, inputs = self.external.forces(self.acting), self.external.inputs(self.acting)
+        self.observers.push(force)
+        if inputs:
+            self._memory = {**self._memory, **inputs}
+            self.stepper.set_inputs(inputs)
+        if not np.array_equal(force, self.external.forces(before)):
+            self.stepper.push(force)
+
+    def save(self) -> dict[str, NDArray[Any]]:
+        """Return all that the run depends on from now on, for a snapshot."""
+        return {
+            "acting": self.acting.copy(),
+            **grouped("memory", {name: values.copy() for name, values in self._memory.items()}),
+            **grouped("stepper", self.stepper.save()),
+            **grouped("block", self._block.save()),
+            **grouped("stops", self._stops.save(self.observers.safe.state.time, self.time)),
+            **self.observers.save(),
+        }
+
+    def load(self, arrays: Arrays, plan: Plan, retries: int, spent: StepCounts) -> None:
+        """Go back to what `save` returned, with the plan, retries left and cost then."""
+        self.observers.load(arrays)
+        self.acting = np.array(arrays["acting"])
+        self._stops.load(group_of("stops", arrays))
+        self.retries, self.spent = retries, spent
+        if plan != self.plan:
+            self.plan = plan
+            self._begin_at(self.observers.safe.state)
+        self._memory, self._to_come = group_of("memory", arrays), []
+        self.stepper.load(group_of("stepper", arrays))
+        self._block.load(group_of("block", arrays))
+        self.observers.push(self.external.forces(self.acting))
