@@ -72,7 +72,7 @@ def extended(folder: Path) -> None:
 def test_the_changes_fit_the_package(tmp_path):
     """Each line that they refer to is there, once."""
     extended(tmp_path)
-    assert len(FILES) == 5
+    assert len(FILES) == 7
     assert '    "gust",\n' in (tmp_path / "exunet/forces/effects/__init__.py").read_text()
 
 
@@ -83,7 +83,7 @@ def test_the_examples_pass_their_tests(tmp_path):
     tests = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
     done = subprocess.run(tests, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "4 passed" in done.stdout
+    assert "6 passed" in done.stdout
     where = [sys.executable, "-c", "import exunet.net.ring as ring; print(ring.__file__)"]
     found = subprocess.run(where, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
     assert found.stdout.startswith(str(tmp_path))
