@@ -12,7 +12,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +33,7 @@ from exunet.simulation.observers import Event, Observers
 _MANY = 2**31  # steps: as many as a stepper takes in one go
 _INTERVAL = 0.2  # [s] of wall time after which a run reacts to an interrupt
 Checkpoint = Callable[[], None]
-
-
-class _Begin(NamedTuple):
-    """Beginning of steps in which conditions are watched."""
-
-    seen: Seen
-    arrays: dict[str, NDArray[Any]]
+_Begin = tuple[Seen, dict[str, NDArray[Any]]]  # of steps in which conditions are watched: what `save` gave
 
 
 class Integration:
@@ -77,7 +71,7 @@ class Integration:
         except IntegrationFailed as failure:
             raise RunStopped(f"not started: {failure}") from failure
         self._memory: Memories = dict(state.memory)  # of states; without what steps have changed since
-        self._events = Events(self.system, self.stepper)
+        self.events = Events(self.system, self.stepper)
         self._block = Block(self.system, state.time, *self.stepper.flat(), 16 + self._together)
         self._before: _Begin | None = None
         self._crossed = self._changed = False  # a condition, within the last step; discrete states, by events
@@ -86,19 +80,9 @@ class Integration:
         self.observers.built(self.stepper.items, clock.perf_counter() - began)
 
     @property
-    def time(self) -> float:
-        """Present time [s]."""
-        return self.stepper.time
-
-    @property
     def counts(self) -> StepCounts:
         """Steps and force evaluations so far, of all attempts."""
         return self.spent + self.stepper.counts
-
-    @property
-    def stopped(self) -> bool:
-        """True once the script of the case has ended the run."""
-        return self._events.stopped
 
     # From stop to stop
 
@@ -118,7 +102,7 @@ class Integration:
         try:
             while True:
                 began = clock.perf_counter()
-                ahead = None if self._events.stopped else stops.next(self.stepper.time, self._at_once)
+                ahead = None if self.events.stopped else stops.next(self.stepper.time, self._at_once)
                 if ahead is None and not settle:
                     break
                 try:
@@ -140,7 +124,7 @@ class Integration:
                 if checkpoint is not None:
                     checkpoint()
         except BaseException:
-            stops.forget_after(self.time)
+            stops.forget_after(self.stepper.time)
             raise
         stops.forget_until(self.observers.safe.state.time)
 
@@ -150,7 +134,7 @@ class Integration:
 
     def _advance(self, times: list[float], check_interrupt: Checkpoint) -> None:
         """Step to the next stop, or through some, and let events happen on the way."""
-        until, events, stepper, self._changed = times[-1], self._events, self.stepper, False
+        until, events, stepper, self._changed = times[-1], self.events, self.stepper, False
         if events.is_due(stepper.time):
             self._happen()
         time = stepper.time
@@ -175,7 +159,7 @@ class Integration:
         Of several steps in one of which a condition that is watched comes true, those before it are taken
         again, then that step alone, which is made to end there.
         """
-        events, stepper = self._events, self.stepper
+        events, stepper = self.events, self.stepper
         if not events.watches:
             self._before = None
             self._add(stepper.step(times, None, self._ends if events.any else None), until)
@@ -199,21 +183,21 @@ class Integration:
     def _ends(self) -> bool:
         """At the end of an accepted step: True if a condition came true within it, or an event is due."""
         if self._before is not None:
-            now = self._events.now()
-            target = self._events.crossing(self._before.seen, now)
-            if target is not None and target < self.time:
+            now = self.events.now()
+            target = self.events.crossing(self._before[0], now)
+            if target is not None and target < self.stepper.time:
                 self._crossed = True
                 return True
-            self._events.steps_done(now)
+            self.events.steps_done(now)
             self._before = self._begin()
-        return self._events.happen()
+        return self.events.happen()
 
     def _begin(self) -> _Begin:
-        return _Begin(self._events.now(), self.stepper.save())
+        return self.events.now(), self.stepper.save()
 
     def _take_back(self, before: _Begin) -> None:
         """Go back to the beginning of steps; the last counts as rejected."""
-        self.stepper.load(before.arrays, self.stepper.counts.rejected + 1)
+        self.stepper.load(before[1], self.stepper.counts.rejected + 1)
 
     def _locate(self, steps: Steps, until: float) -> None:
         """Make the last step end where a condition comes true in it; steps that end before are accepted."""
@@ -222,22 +206,22 @@ class Integration:
         self._add(steps._replace(states=steps.states[:-1], extremes=None), until)
         taken = [steps._replace(states=steps.states[-1:])]
         while True:
-            now = self._events.now()
-            target = self._events.crossing(before.seen, now)
-            if target is not None and target < self.time:
-                beyond, taken = self.time, []
+            now = self.events.now()
+            target = self.events.crossing(before[0], now)
+            if target is not None and target < self.stepper.time:
+                beyond, taken = self.stepper.time, []
                 self._take_back(before)
             else:
-                self._events.steps_done(now)
+                self.events.steps_done(now)
                 for part in taken:
                     self._add(part, until)
                 # A stepper that tests each step goes on by itself; others go on to where it had come true.
-                if target is not None or everywhere or not self.time < beyond < math.inf:
+                if target is not None or everywhere or not self.stepper.time < beyond < math.inf:
                     return
-                if not self._events.watches:
+                if not self.events.watches:
                     return
                 before, target, taken = self._begin(), beyond, []
-            while self.time < target:
+            while self.stepper.time < target:
                 part = self.stepper.step([target], 1)
                 taken.append(part._replace(states=part.states[np.arange(len(part.states))]))  # a copy
 
@@ -252,7 +236,7 @@ class Integration:
             if self._together > 1:
                 block.mark({}, first)
             elif at == number and states.time[-1] == until:
-                block.mark(kept := self._events.kept)
+                block.mark(kept := self.events.kept)
                 wrong = bool(kept) and self.observers.finds_wrong(kept)
             if wrong or self._together > 1 or block.rows == block.room:
                 self._flush()
@@ -265,13 +249,13 @@ class Integration:
     def _happen(self) -> None:
         """Let what is due happen, twice where an event changes a state: it may make another due."""
         stepper = self.stepper
-        acts = self._events.any
+        acts = self.events.any
         for _ in range(2):
             if not acts:
                 return
             acts = False
             x, v = stepper.flat()
-            for name, change in self._events.at(stepper.time, x, v):
+            for name, change in self.events.at(stepper.time, x, v):
                 memory = {**stepper.memory, **memories_of(name, change)}
                 self._changed = True
                 if change.quiet:
@@ -285,7 +269,7 @@ class Integration:
 
     def _apply(self, name: str, change: Change, memory: Memories) -> None:
         """Apply an event, once observers have seen all states before it."""
-        block, kept, time = self._block, self._events.kept, self.time
+        block, kept, time = self._block, self.events.kept, self.stepper.time
         if block.time != time:
             block.put(time, *self.stepper.flat())
         if change.stops and not block.remember(kept) and time > self.observers.stored.state.time:
@@ -294,7 +278,7 @@ class Integration:
         self.stepper.change(change, memory)
         self._memory = {**self._memory, **memories_of(name, change)}
         block.changed(change)
-        self.observers.changed(Event(time, name, change), self._memory, self._events.kept)
+        self.observers.changed(Event(time, name, change), self._memory, self.events.kept)
 
     # Going back
 
@@ -318,7 +302,7 @@ class Integration:
             raise stop
         self.plan, self.retries = plan, self.retries - 1
         self._go_back()
-        self.observers.retried(str(stop), self.time, plan)
+        self.observers.retried(str(stop), self.stepper.time, plan)
 
     def _go_back(self) -> None:
         self.spent = self.spent + self.stepper.counts
@@ -338,7 +322,9 @@ class Integration:
         self._end()
         if self.observers.record is not None:
             return Interrupted(f"interrupted after t = {self.observers.record.until:.6g} s")
-        return Interrupted(f"interrupted; the simulation is at its last valid state, t = {self.time:.6g} s")
+        return Interrupted(
+            f"interrupted; the simulation is at its last valid state, t = {self.stepper.time:.6g} s"
+        )
 
     # External forces, snapshots
 
@@ -366,7 +352,7 @@ class Integration:
             **grouped("memory", {name: values.copy() for name, values in self._memory.items()}),
             **grouped("stepper", self.stepper.save()),
             **grouped("block", self._block.save()),
-            **grouped("stops", self._stops.save(self.observers.safe.state.time, self.time)),
+            **grouped("stops", self._stops.save(self.observers.safe.state.time, self.stepper.time)),
             **self.observers.save(),
         }
 

@@ -168,7 +168,7 @@ class Simulation:
     @property
     def time(self) -> float:
         """Present time [s]."""
-        return self.run.time
+        return self.run.stepper.time
 
     @property
     def plan(self) -> Plan:
@@ -187,7 +187,7 @@ class Simulation:
     @property
     def stopped(self) -> bool:
         """True once the script of the case has ended the run."""
-        return self.run.stopped
+        return self.run.events.stopped
 
     @property
     def start(self) -> Start:

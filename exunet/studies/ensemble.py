@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from numbers import Integral, Real
@@ -208,8 +208,8 @@ def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event)
     loop.begin([start.state for start in starts])
     times = starts[0].scene.time.stored_times
     number = _times_side_by_side(starts[0], times)
-    for part in _intervals(times, stop, number, number):
-        for run, states in enumerate(loop.through(part)):
+    for at in range(0, len(times) - 1, number):
+        for run, states in enumerate(loop.through(times[at : at + number + 1])):
             if (recorder := recorders[run]) is None:
                 continue
             count = len(states) - 1
@@ -227,6 +227,8 @@ def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event)
             for observer in (recorder.balance, recorder.extremes, recorder):
                 observer.observe(steps)
             recorder.flush()  # the loop overwrites its states
+        if stop.is_set():
+            raise KeyboardInterrupt
     return [None if recorder is None else _result(recorder, loop.right_hand_sides) for recorder in recorders]
 
 
@@ -236,23 +238,6 @@ def _times_side_by_side(start: Start, times: Floats) -> int:
     longest = float(np.diff(times).max(initial=0.0))
     work = max(1, start.net.n_elements) * max(1.0, longest / start.plan.step)
     return max(2, min(_MAX_VALUES // (WIDTH * start.system.blocks.n_x), int(_MAX_WORK / work)))
-
-
-def _intervals(times: Floats, stop: Event, first: int = 1, most: int = _MAX_TIMES) -> Iterator[Any]:
-    """Yield parts of the times, each from the last of the one before; raises KeyboardInterrupt on `stop`.
-
-    first, most : times in the first of them, and at most
-    """
-    at, number = 0, min(first, most)
-    while at < len(times) - 1:
-        began = clock.perf_counter()
-        part = times[at : at + number + 1]
-        yield part
-        if stop.is_set():
-            raise KeyboardInterrupt
-        at += len(part) - 1
-        if clock.perf_counter() - began < _INTERVAL:
-            number = min(2 * number, most)
 
 
 T = TypeVar("T")
