@@ -79,15 +79,18 @@ class States:
         """Points, bodies and first-order states, as views."""
         return self.system.layout.unpack(self.x, self.v)
 
-    @property
+    @cached_property
     def position(self) -> Floats:
         """(k, n_points, 3) [m]."""
-        return self.moving.position
+        return self._points(self.x)
 
-    @property
+    @cached_property
     def velocity(self) -> Floats:
         """(k, n_points, 3) [m/s]."""
-        return self.moving.velocity
+        return self._points(self.v)
+
+    def _points(self, values: Floats) -> Floats:
+        return values[:, : 3 * self.system.blocks.n_points].reshape(len(values), -1, 3)
 
     @property
     def bodies(self) -> RigidStates:
@@ -193,8 +196,7 @@ class States:
         return self.system.given_work(self.first_order)
 
 
+_VIEWS = "law", "moving", "position", "velocity", "elsewhere"
 _SERIES = tuple(
-    name
-    for name, value in vars(States).items()
-    if isinstance(value, cached_property) and name not in ("law", "moving", "elsewhere")
+    name for name, value in vars(States).items() if isinstance(value, cached_property) and name not in _VIEWS
 )

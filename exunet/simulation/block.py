@@ -133,10 +133,15 @@ class Block:
         rows = self.rows
         if rows < 2 and not self._marks:
             return None
-        every = (self._time, self._x, self._v, self._taken)
-        time, x, v, taken = (part[:rows].copy() for part in every)
-        for part in every:
-            part[0] = part[rows - 1]
+        every = self._time, self._x, self._v, self._taken
+        time, x, v, taken = (part[:rows] for part in every)
+        if 2 * rows > self.room:  # then new arrays take less time than copies
+            self._time, self._taken = np.empty(self.room), np.empty(self.room)
+            self._x, self._v = np.empty((self.room, x.shape[1])), np.empty((self.room, v.shape[1]))
+        else:
+            time, x, v, taken = time.copy(), x.copy(), v.copy(), taken.copy()
+        for part, own in zip((self._time, self._x, self._v, self._taken), (time, x, v, taken), strict=True):
+            part[0] = own[-1]
         states = States(self._system, time, x, v, memory, taken if self._sums else None).completed()
         found = Observed(states, self._marks, self._memories, self._extremes, np.zeros(0))
         self.rows, since = 1, self._since

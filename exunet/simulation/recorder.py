@@ -53,7 +53,7 @@ from exunet.results.run_record import (
 from exunet.results.store import MemoryStore, RowStore
 from exunet.scene.script import awaited_entries, drive_of, ejects
 from exunet.simulation.block import Observed
-from exunet.simulation.observers import Balance, Event, EventLog, Record, RunningExtremes
+from exunet.simulation.observers import STATES_A_LOOK, Balance, Event, EventLog, Record, RunningExtremes
 from exunet.simulation.preparation import Start
 
 DISK_COPIES = 2  # of the stored states, while they are written into the result at the end of a run
@@ -140,6 +140,7 @@ class Recorder(Record):
 
     times    : (n,) of the states to be stored [s]
     stores_energies : False without extremes of all steps: of energies, and of the tension of each element
+    every    : see `Balance`
     extremes : observer of largest tensions and, by stores_energies, of energies of all steps
     balance, log : observers of the energy and of events
     record   : what the result records of the run so far
@@ -152,12 +153,13 @@ class Recorder(Record):
         store: RowStore | None = None,
         *,
         stores_energies: bool = True,
+        every: int = STATES_A_LOOK,
     ) -> None:
         self._start = start
         self.times = start.scene.time.stored_times
         self.stores_energies = stores_energies
         self.extremes = RunningExtremes(start.system, stores=stores_energies)
-        self.balance, self.log = Balance(start.system, start.state), EventLog(start.system)
+        self.balance, self.log = Balance(start.system, start.state, every=every), EventLog(start.system)
         self._series = series_of(start.system)
         self.rows: RowStore = (
             MemoryStore(columns_of(start.system, stores_energies=stores_energies)) if store is None else store

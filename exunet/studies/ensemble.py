@@ -48,7 +48,7 @@ from exunet.scene.casefile import Case, case_of
 from exunet.scene.scene import Scene
 from exunet.simulation.block import Observed
 from exunet.simulation.integrate import Integration
-from exunet.simulation.observers import Balance, Observer, Observers
+from exunet.simulation.observers import Observer, Observers
 from exunet.simulation.planning import is_short
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
 from exunet.simulation.recorder import Recorder, initial_record, series_of, stored_bytes
@@ -200,8 +200,7 @@ def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event)
     system = starts[0].system
     recorders: list[Recorder | None] = []
     for start in starts:
-        new = Recorder(start, stores_energies=False)
-        new.balance = Balance(system, start.state, every=1)  # the guards check each stored time
+        new = Recorder(start, stores_energies=False, every=1)  # the guards check each stored time
         new.balance.explain(start.plan)
         new.observe(Observed(States.of(system, start.state), [0], [{}], [None], np.zeros(1)))
         recorders.append(new)

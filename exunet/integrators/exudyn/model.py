@@ -34,6 +34,7 @@ class Places(NamedTuple):
     points    : (3 n_free,) coordinates of the free points
     bodies    : (n_free_bodies, 6) of the free bodies, whose rotation vector is their attitude
     kinematics : what of the system has no coordinates
+    plain     : there are points alone, all free and in their order
     """
 
     reference: Floats
@@ -41,6 +42,7 @@ class Places(NamedTuple):
     points: Ints
     bodies: Ints
     kinematics: Kinematics
+    plain: bool
 
     def unpack(self, now: Coordinates, time: float | Floats, memory: Memories) -> Moving:
         """What moves, by the engine's coordinates at times (...) [s], with these memories."""
@@ -50,10 +52,9 @@ class Places(NamedTuple):
         self, now: Coordinates, time: float | Floats, memory: Memories, layout: Layout
     ) -> tuple[Floats, Floats]:
         """The same as x and v, see `exunet.forces.blocks`; copies."""
-        if len(self.bodies) or self.kinematics or not self.free.all():
-            return layout.pack(self.unpack(now, time, memory))
-        x = self.reference.ravel() + now.q[..., self.points]  # points alone: many steps are few rows each
-        return (np.concatenate([x, now.y], axis=-1) if now.y.shape[-1] else x), now.v[..., self.points]
+        if self.plain and not now.y.shape[-1]:  # a step at a time, unpacking would take long
+            return self.reference.ravel() + now.q, now.v.copy()
+        return layout.pack(self.unpack(now, time, memory))
 
     def of_coordinates(self, now: Coordinates) -> Moving:
         """What has coordinates; points without are where they were at the start, and at rest."""
@@ -384,7 +385,9 @@ class Model(Items):
         self.system.Assemble()
         reference = np.array(self._reference, dtype=float).reshape(-1, 3)
         bodies = self.columns_of_bodies()[:, None] + np.arange(6)
-        self.places = Places(reference, self.free, self.columns(), bodies, kinematics or Kinematics())
+        kinematics, columns = kinematics or Kinematics(), self.columns()
+        plain = np.array_equal(columns, np.arange(3 * len(reference))) and not (kinematics or len(bodies))
+        self.places = Places(reference, self.free, columns, bodies, kinematics, plain and not self._n_ballast)
 
     def items(self) -> dict[str, int]:
         """How many objects of each kind the engine holds."""
