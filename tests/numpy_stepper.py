@@ -19,7 +19,7 @@ from exunet.integrators.protocol import Arrays, StepCounts, Steps
 from exunet.kernels.kernel import Kernel
 from exunet.methods.method import Plan
 from exunet.model.states import States
-from exunet.model.system import Moving, State, System
+from exunet.model.system import State, System
 
 Floats = NDArray[np.float64]
 
@@ -114,14 +114,11 @@ class NumpyStepper:
         raise InputError(f"unknown port {port!r}")
 
     def view(self) -> State:
-        return State.of(self.time, self.moving(), self.memory)
+        return State.of(self.time, self._system.layout.unpack(self._x, self._v), self.memory)
 
     def state(self) -> State:
         moving = self._system.layout.unpack(self._x.copy(), self._v.copy())
         return State.of(self.time, moving, {name: values.copy() for name, values in self.memory.items()})
-
-    def moving(self) -> Moving:
-        return self._system.layout.unpack(self._x, self._v)
 
     def save(self) -> dict[str, NDArray[Any]]:
         own = {"x": self._x, "v": self._v, "push": self._push, "counts": self._counts, "equal": self._equal}

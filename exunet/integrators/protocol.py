@@ -12,7 +12,7 @@ from exunet.base.arrays import Floats
 from exunet.bodies.port import Piece
 from exunet.forces.terms import Change, Memories, Seen
 from exunet.model.states import States
-from exunet.model.system import Moving, State
+from exunet.model.system import State
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -142,9 +142,6 @@ class Stepper(Protocol):
 
     def view(self) -> State:
         """The state reached; its arrays may be those that the next step changes."""
-
-    def moving(self) -> Moving:
-        """As `view`, without time and discrete states."""
 
     def push(self, force: Floats) -> None:
         """Set external forces (n_points, 3) [N] on the points, constant from now on."""

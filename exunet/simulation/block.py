@@ -82,10 +82,6 @@ class Block:
         self.rows += number
         return first + number
 
-    def cut(self, rows: int) -> None:
-        """Drop the states after the first."""
-        self.rows = rows
-
     def gather(self, extremes: Extremes | None) -> None:
         """Take extremes of steps that are not among the states."""
         before = self._since

@@ -212,7 +212,7 @@ class Simulation:
     @property
     def moving(self) -> Moving:
         """Continuous part of `view`."""
-        return self.run.stepper.moving()
+        return self.run.stepper.view().moving
 
     @property
     def energy(self) -> Energies:

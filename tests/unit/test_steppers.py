@@ -65,6 +65,7 @@ def test_what_breaks_is_the_same(tables: dict[str, Any]) -> None:
     run = exunet.run(net(tables, FINE, end=0.25, effects={"breaking": {"strain": 0.001}}))
     broken = run.run.breaks
     assert len(broken) == 8
+    assert run.run.cost.steps == round(0.25 / FINE["step"])  # no time is stepped twice after an event
     assert run.dissipated[-1] == pytest.approx(sum(item.energy_J or 0.0 for item in broken), rel=1e-9)
 
 

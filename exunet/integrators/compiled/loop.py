@@ -42,7 +42,7 @@ from exunet.kernels.kernel import Kernel
 from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.model.energy import law_of
 from exunet.model.states import States
-from exunet.model.system import Moving, State, System
+from exunet.model.system import State, System
 
 _NO_STRESS = np.zeros(0)
 OUTPUT_EVERY = 64  # one state in so many steps is returned
@@ -244,9 +244,6 @@ class CompiledStepper:
 
     def view(self) -> State:
         return State.of(self.time, self._moving, self.memory)
-
-    def moving(self) -> Moving:
-        return self._moving
 
     def step(
         self, times: Sequence[float], most: int | None = None, until_true: Callable[[], bool] | None = None

@@ -30,7 +30,7 @@ from exunet.integrators.protocol import Arrays, IntegrationFailed, StepCounts, S
 from exunet.methods.method import METHODS, Kind, Method, Plan
 from exunet.model.energy import law_of
 from exunet.model.states import States
-from exunet.model.system import Moving, State, System
+from exunet.model.system import State, System
 
 
 class StepChoice:
@@ -246,10 +246,13 @@ def first_line(words: object) -> str:
     return lines[0] if lines else ""
 
 
+_NUMBERS = 2**22  # of the positions that a call returns, about, where the method can go on after it
+
+
 class ExudynStepper:
     """Stepper that has Exudyn step; see `exunet.integrators.protocol.Stepper`.
 
-    A call of `step` is one call of the engine, and returns each state.
+    A call of `step` is one call of the engine, and returns each state, up to a bound of memory.
     """
 
     def __init__(self, system: System, state: State, plan: Plan) -> None:
@@ -379,8 +382,8 @@ class ExudynStepper:
                 number = max(1, math.ceil((until - self.time) / self._plan.step * (1 - 1e-9)))
                 self._equal[:] = self.time, until, number, self._counts.steps
             begin, _, parts, before = self._equal.tolist()
-            progress.startTime = begin
-            progress.currentStepIndex = 1 + self._counts.steps - int(before)
+            progress.startTime = self.time
+            progress.currentStepIndex = 1
             step = (until - begin) / parts
             progress.currentStepSize = progress.maxStepSize = progress.initialStepSize = step
 
@@ -418,7 +421,11 @@ class ExudynStepper:
         if self._lets_remember:
             self._model.applied.accepted(time, now.q, now.v)
         self._rows.append((time, now.q.copy(), now.v.copy(), now.y.copy()))
-        return self._until_true is not None and self._until_true()
+        ends = self._until_true is not None and self._until_true()
+        many = len(self._rows) * now.q.size > _NUMBERS
+        return ends or (
+            many and not self._method.remembers_acceleration
+        )  # which would begin anew with others
 
     def _steps(self) -> Steps:
         """The states of the steps of a call."""
@@ -492,9 +499,6 @@ class ExudynStepper:
 
     def view(self) -> State:
         return self.state()
-
-    def moving(self) -> Moving:
-        return self.state().moving
 
     def steer(self, port: str, piece: Piece) -> None:
         self.steered(port)
