@@ -381,7 +381,7 @@ class ExudynStepper:
             if not (self._equal[2] and self._equal[1] == until):
                 number = max(1, math.ceil((until - self.time) / self._plan.step * (1 - 1e-9)))
                 self._equal[:] = self.time, until, number, self._counts.steps
-            begin, _, parts, before = self._equal.tolist()
+            begin, _, parts, _ = self._equal.tolist()
             progress.startTime = self.time
             progress.currentStepIndex = 1
             step = (until - begin) / parts
