@@ -23,6 +23,7 @@ from exunet.results.run_folder import has_result, has_unfinished
 from exunet.results.store import STORE_FILE, FileStore
 from exunet.scene.casefile import load
 from exunet.simulation import recorder
+from exunet.simulation.integrate import Integration
 from exunet.simulation.run import resume, run_into
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
@@ -140,8 +141,8 @@ def second_halves(jobs: Mapping[str, Job], paths: Mapping[str, Path]) -> dict[st
 
 # Elsewhere nothing changes that survives the process.
 POINTS: dict[str, tuple[Any, str]] = {
-    "attempt": (Simulation, "attempt"),
-    "retry": (Simulation, "_retry"),
+    "attempt": (Integration, "_advance"),
+    "retry": (Integration, "_retry"),
     "append": (FileStore, "append"),
     "drop": (FileStore, "drop_after"),
     "checkpoint": (FileStore, "keep_checkpoint"),

@@ -132,7 +132,7 @@ class Block:
         every = self._time, self._x, self._v, self._taken
         time, x, v, taken = (part[:rows] for part in every)
         if 2 * rows > self.room:  # then new arrays take less time than copies
-            self._time, self._taken = np.empty(self.room), np.empty(self.room)
+            self._time, self._taken = np.empty(self.room), np.zeros(self.room)
             self._x, self._v = np.empty((self.room, x.shape[1])), np.empty((self.room, v.shape[1]))
         else:
             time, x, v, taken = time.copy(), x.copy(), v.copy(), taken.copy()
