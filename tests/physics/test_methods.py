@@ -359,7 +359,7 @@ def test_without_an_accuracy_a_short_run_sets_the_part_of_the_stable_step(change
 def test_auto_takes_the_compiled_loop_where_it_can(changes, numba, backend, monkeypatch):
     monkeypatch.setattr(planning, "numba_installed", lambda: numba)
     case = exunet.load(PLANAR, ["solver=", "engine=", *changes])
-    assert prepare_case(case, hosted=True).scene.engine.backend == backend
+    assert prepare_case(case, hosted=True).plan.backend == backend
 
 
 @pytest.mark.parametrize("key", ["solver.accuracy=1.01", "solver.accuracy=1e300", "solver.step=1e-4"])
