@@ -17,7 +17,6 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
-from exunet.base.record import shortened
 from exunet.base.times import reached
 from exunet.bodies.config import Body, Dimensions
 from exunet.bodies.distance import distances_to
@@ -36,7 +35,6 @@ from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.net.base import Cable, ThrownNetConfig
 from exunet.net.closing import ClosingLine
-from exunet.net.explicit import ExplicitNet
 from exunet.net.folding import folded
 from exunet.net.tether import Reel, Tether
 from exunet.scene.scene import Scene, cables
@@ -573,17 +571,9 @@ def closing(mission: _Mission) -> Iterator[Fault]:
         yield Fault("closing.winch", words)
 
 
-def lists(mission: _Mission) -> Iterator[Fault]:
-    """Elements that are listed twice, and stored times after the end."""
-    net, time, known = mission.scene.net, mission.scene.time, dict[frozenset[int], int]()
-    if isinstance(net, ExplicitNet):
-        pairs = enumerate(map(frozenset, net.listed.elements.tolist()))
-        yield from shortened(
-            Fault(f"net.{key}", f"{where}joins the same nodes as element {known[pair]}: both carry load")
-            for k, pair in pairs
-            if known.setdefault(pair, k) != k
-            for key, where in [net.place_of_element(k)]
-        )
+def stored_times(mission: _Mission) -> Iterator[Fault]:
+    """Stored times after the end."""
+    time = mission.scene.time
     if time.output_step is not None and not reached(time.end, time.output_step):
         words = f"{time.output_step:g} s is longer than the run, {time.end:g} s: two states are stored"
         yield Fault("time.output_step", words)
@@ -605,6 +595,6 @@ RULES: tuple[Callable[[_Mission], Iterator[Fault]], ...] = (
     flight,
     tethers,
     closing,
-    lists,
+    stored_times,
     script,
 )

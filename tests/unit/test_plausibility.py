@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from commands import command
-from scenes import CASES, NET_AT_BALL, PAIR, SHIPPED_CASES, of_text
+from scenes import CASES, NET_AT_BALL, SHIPPED_CASES, of_text
 
 import exunet
 from exunet.base.errors import CaseError
@@ -161,11 +161,6 @@ def test_a_mistake_is_refused(mistake: str) -> None:
     with pytest.raises(CaseError) as error:
         of_text(NET_AT_BALL, override)
     assert key in [fault.key for fault in error.value.faults]
-
-
-def test_an_element_that_is_listed_twice_is_warned_of() -> None:
-    faults = implausible(of_text(PAIR, "net.elements=[[0, 1], [1, 0]]"))
-    assert [fault.key for fault in faults] == ["net.elements[1]"]
 
 
 def test_a_warning_has_its_place() -> None:
