@@ -114,7 +114,8 @@ class Block:
     def finite(self) -> bool:
         """True if the last state is; the squares of the largest numbers may be said not to be."""
         x, v = self._x[self.rows - 1], self._v[self.rows - 1]
-        return bool(np.isfinite(np.dot(x, x) + np.dot(v, v)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            return bool(np.isfinite(np.dot(x, x) + np.dot(v, v)))
 
     def changed(self, change: Change) -> None:
         """Let an event change the only state."""
