@@ -81,7 +81,7 @@ friction = {{ law = "sticking", coefficient = 0.3 }}
 target = "target"
 enclosed = 0.9
 relative_speed = 0.5   # m/s
-touching = 10          # nodes
+touching = 10          # elements or nodes
 duration = {duration}  # s
 """
 

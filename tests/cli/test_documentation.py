@@ -128,10 +128,10 @@ def test_python_examples_of_checkpoints_run(shown):
 
 
 def test_python_examples_of_scenes_run(shown):
-    """81 knots, 4 bullets with strings of one element, and 6 nodes of a tether that ends at the net."""
+    """169 knots, 4 bullets with strings of one element, and 6 nodes of a tether that ends at the net."""
     printed = shown("docs/how_to/scenes.md").splitlines()
     assert printed[0].startswith("Scene(title='Capture of a tumbling box'")
-    assert printed[1] == "scene.toml 5 91"
+    assert printed[1] == "scene.toml 6 179"
 
 
 @pytest.mark.slow
