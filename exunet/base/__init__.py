@@ -1,1 +1,1 @@
-"""What every other package uses: errors, validated tables, whole files, interrupts."""
+"""Errors, validated tables, whole files and interrupts that all packages use."""

@@ -92,7 +92,7 @@ def joining(faults: list[Fault]) -> Iterator[None]:
 
 
 class CaseWarning(UserWarning):
-    """What overrides of a case do beside what they state: keys they drop, numbered nodes that they move."""
+    """Warning of side effects of overrides: keys of a case that they drop, numbered nodes that they move."""
 
 
 class InputError(ExunetError):

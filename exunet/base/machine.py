@@ -14,7 +14,7 @@ from exunet.base.errors import InputError
 
 @cache  # finding it takes a millisecond, which each new simulation would spend
 def installed_version(package: str) -> str:
-    """Of an installed package."""
+    """Return the version of an installed package."""
     from importlib.metadata import version
 
     return version(package)

@@ -98,7 +98,7 @@ class Placed(Record):
 
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
-        """Of length 1, by whichever keys it is given."""
+        """Return the attitude as a unit quaternion, from `attitude` or from `axis` and `angle`."""
         if self.axis is None or self.angle is None:
             return unit_quaternion(self.attitude)
         _, *axis = unit_quaternion((0.0, *self.axis))
@@ -107,7 +107,7 @@ class Placed(Record):
 
 
 class Dimensions(Record):
-    """Of solids; which of them a solid has follows from its shape."""
+    """Dimensions of a solid; its shape determines which of them it has."""
 
     size: Edges | None = Field(None, description="box: edges along x, y, z [m]", examples=[[1.0, 1.0, 2.0]])
     radius: Positive | None = Field(

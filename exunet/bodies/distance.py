@@ -350,7 +350,7 @@ class Mover:
 
     @property
     def swing(self) -> float:
-        """What turning moves at most: the reach, of a sphere that of its middle [m]."""
+        """Return the largest displacement by a rotation: the reach, of a sphere that of its middle [m]."""
         found = [0.0]
         for part in parts_of(self.shape):
             round_ = part.solid is not None and part.solid.kind == "sphere"

@@ -241,7 +241,7 @@ def share_with_held(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
 
 
 def angular_acceleration(angle: Any, rate: Any, bend: Any, out: Any) -> None:
-    """Of a rotation vector p with p' and p'', (3,) each, into `out` (3,), in the axes of the body.
+    """Compute the angular acceleration of a rotation vector p with p', p'' (3,) into `out` (3,), body axes.
 
     The derivative of w = p' - f p x p' + g p x (p x p'), f = (1 - cos a)/a^2, g = (a - sin a)/a^3, a = |p|:
 
@@ -503,7 +503,7 @@ def _attached(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> Attac
 
 
 def _held_masses(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> HeldMasses:
-    """Of the free bodies that may hold points."""
+    """Build the mass data of the free bodies that may hold points."""
     numbers = sorted({item.body for item in kinematics.held if item.body < kinematics.n_free})
     first, second, inverse = [], [], []
     for number in numbers:
@@ -535,7 +535,7 @@ def _moving(kinematics: Kinematics) -> dict[int, Guide]:
 
 
 def _on_guided(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> OnGuided:
-    """Of the guided bodies in motion that may hold points."""
+    """Build the data of the guided bodies in motion that may hold points."""
     moving = _moving(kinematics)
     numbers = sorted({item.body for item in kinematics.held if item.body in moving})
     masses, first, second = [], [], []
@@ -557,7 +557,7 @@ def _on_guided(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> OnGu
 
 
 def _pieces(guides: Sequence[Guide]) -> dict[str, Any]:
-    """Of guides, one after the other, by their names in the"""
+    """Concatenate the pieces of guides, by the field names that `Guided` and `OnGuided` share."""
     return {
         "first": np.cumsum([0, *(len(guide.time) for guide in guides)]),
         "time": np.concatenate([guide.time for guide in guides]),

@@ -18,7 +18,7 @@ _ROUND_OFF = 1e-12  # of the largest moment, below which products of inertia cou
 
 @dataclass(frozen=True, eq=False)
 class MassDistribution:
-    """What matters of a distribution of mass, in axes that the context names.
+    """Mass, centre of mass and inertia, in axes that the context names.
 
     mass    : [kg]; of a shape of unit density: its volume [m3]
     centre  : (3,) of mass [m]
@@ -58,14 +58,14 @@ def point_mass(mass: float, position: Sequence[float]) -> MassDistribution:
 
 
 def of_shape(shape: Shape) -> MassDistribution:
-    """Of a shape of density 1 kg/m3, in its frame; volumes that solids share count once for each."""
+    """Return the mass and inertia of a shape of density 1 kg/m3, in its frame; overlaps count per solid."""
     if shape.mesh is not None:
         return of_mesh(shape.mesh)
     return sum_of(of_solid(solid) for solid in shape.solids)
 
 
 def of_solid(solid: Solid) -> MassDistribution:
-    """Of a solid of density 1 kg/m3, in the frame that it is placed in.
+    """Return the mass and inertia of a solid of density 1 kg/m3, in the frame that it is placed in.
 
     Moments of box, cylinder, sphere and capsule as in textbooks (Meriam, Kraige and Bolton, Engineering
     Mechanics: Dynamics, table D/4); of the frustum by integration over its discs.
@@ -106,7 +106,7 @@ def _frustum(a: float, b: float, h: float) -> tuple[float, float, float, float]:
 
 
 def of_mesh(mesh: TriangleMesh) -> MassDistribution:
-    """Of the inside of a closed mesh, of density 1 kg/m3; a negative mass if it is inside out.
+    """Return the mass and inertia of a closed mesh of density 1 kg/m3; a negative mass if it is inside out.
 
     Sums over the tetrahedra between triangles and one point: Tonon, J. Math. Stat. 1 (2005) 8, doi
     10.3844/jmssp.2005.8.11. The point is the mean of the vertices, far from which digits would cancel.

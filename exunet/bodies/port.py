@@ -130,14 +130,14 @@ def along(begin: Any, duration: float, rate: Any) -> Any:
 
 
 def cross(one: Any, other: Any) -> Any:
-    """Of two vectors."""
+    """Return the cross product of two vectors."""
     a, b, c = one
     i, j, k = other
     return (b * k - c * j, c * i - a * k, a * j - b * i)
 
 
 def length(vector: Any) -> float:
-    """Of a vector."""
+    """Return the length of a vector."""
     return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
 
 
@@ -527,7 +527,7 @@ class Piece(NamedTuple):
 
     @classmethod
     def of_numbers(cls, numbers: Floats) -> Piece:
-        """What `numbers` gave."""
+        """Build a piece from the array that `numbers` returned."""
         cubic, turns = numbers[1:13].reshape(4, 3), numbers[17:].reshape(4, 3)
         return cls(float(numbers[0]), cubic.copy(), numbers[13:17].copy(), turns.copy())
 
@@ -550,13 +550,13 @@ class FrameOf:
 
     @classmethod
     def body(cls, body: RigidBody) -> FrameOf:
-        """Of a body."""
+        """Build the conversion for a body."""
         return cls(body.centre, body.axes)
 
     def principal(self, frame: FrameState) -> PrincipalState:
-        """Of a state of the frame."""
+        """Convert a state of the frame to the centre of mass and the principal axes."""
         return PrincipalState(*principal_of(frame, self.centre, self.axes))
 
     def frame(self, state: PrincipalState) -> FrameState:
-        """Of a state of the centre of mass and the principal axes."""
+        """Convert a state of the centre of mass and the principal axes to the frame."""
         return FrameState(*frame_of(state, self.centre, self.axes))

@@ -101,7 +101,7 @@ class RigidStates:
 
     @classmethod
     def none(cls, *leading: int) -> RigidStates:
-        """Of no body."""
+        """Return the states of zero bodies, in arrays of leading shape `leading`."""
         return cls(*(np.zeros((*leading, 0, width)) for width in (3, 3, 4, 3)))
 
     def __getitem__(self, rows: slice | int | NDArray[np.int64]) -> RigidStates:

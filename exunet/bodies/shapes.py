@@ -180,7 +180,7 @@ class Shape:
 
 
 def core_of(kind: str, numbers: Vector) -> tuple[float, float]:
-    """Of a solid that is all points within a radius of its core: the radius, and the core's own reach [m].
+    """Return radius and core's reach [m] of a solid that is all points within this radius of its core.
 
     The core is the middle of a sphere, the axis of a capsule, and all of every other solid, with radius 0.
     """

@@ -32,7 +32,7 @@ VECTOR = 4  # numbers of a list that are compared together
 
 
 class Design(NamedTuple):
-    """What is compared of a result or an ensemble.
+    """Compared data of a result or an ensemble.
 
     metrics : "words", "unit", "text", "value" and "range" of each metric, as in summary.json
     outcome : of its capture; "" without a criterion

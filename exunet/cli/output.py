@@ -1,4 +1,4 @@
-"""What commands share: options, folders, tables on stdout, messages and progress on stderr."""
+"""Shared parts of commands: options, folders, tables on stdout, messages and progress on stderr."""
 
 from __future__ import annotations
 

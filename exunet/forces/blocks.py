@@ -56,7 +56,7 @@ class FirstOrder:
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """What forces by the mass need to know of rigid bodies.
+    """Inertia of the rigid bodies, for forces that depend on mass.
 
     mass    : (n,) of those that move freely, which come first among the rigid bodies [kg]
     moments : (n, 3) their principal moments of inertia [kg m2]
@@ -83,7 +83,7 @@ class Poses:
 
     @classmethod
     def at_origin(cls, number: int) -> Poses:
-        """Of bodies whose place does not matter."""
+        """Build poses at the origin, for bodies whose position does not matter."""
         return cls(np.zeros((number, 3)), np.tile(np.eye(3), (number, 1, 1)))
 
 

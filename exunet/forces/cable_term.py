@@ -36,7 +36,7 @@ INTACT = "cable/intact"
 
 @dataclass(frozen=True, eq=False)
 class ElementLaw:
-    """What an effect changes in the law of the elements; None: nothing. Arrays of (n_elements,).
+    """Changes of the law of the elements by an effect; None: no change. Arrays of (n_elements,).
 
     free_strain     : Green-Lagrange strain at which an element is free of stress (a thermal strain)
     relaxation_time : [s] of the viscous stress along the current direction while taut

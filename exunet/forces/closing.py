@@ -201,7 +201,7 @@ def felt_in(line: Any, k: int) -> float:
 
 
 def power_of_friction(v: Any, w: float, line: Any) -> float:
-    """What friction takes [W]: at each ring that slides, the rate of sliding times the step of `felt_in`."""
+    """Compute the friction power [W]: at each sliding ring, rate of sliding times the step of `felt_in`."""
     n = line.way.size
     for k in range(n):
         line.parting[k] = parting_of(v, line, k)
@@ -221,7 +221,7 @@ def power_of_friction(v: Any, w: float, line: Any) -> float:
 
 
 def power_in_block(line: Any, w: float, begin: int, end: int) -> float:
-    """What friction takes [W] between pieces that slide with each other."""
+    """Compute the power that friction dissipates [W] between pieces that slide with each other."""
     grows = 0.0
     gives = 0.0
     turning = 0.0
@@ -294,7 +294,7 @@ RUBBING = (
 
 
 class LineStatus(NamedTuple):
-    """What is known of a line at the end of an accepted step, in the order of the memory.
+    """Status of a line at the end of an accepted step, in the order of the memory.
 
     commands : number of the winch's commands that have come
     tension_start, tension_end : at the ends of the line [N]
@@ -626,7 +626,7 @@ class Drawstring:
         return np.concatenate([status, laid, np.zeros(len(way))])
 
     def data(self, memory: Floats) -> Line:
-        """What the loops take at a memory."""
+        """Build the data for the loops at a memory."""
         line, blocks = self.line, self.blocks
         n, drive = len(line.path) - 1, line.drives[int(memory[0])]
         laid, room = np.zeros((6, n)), np.zeros((8, n if self.rubs else 0))

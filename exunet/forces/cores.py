@@ -75,7 +75,7 @@ class Samples(NamedTuple):
 
 
 def no_samples() -> Samples:
-    """Of cores that have a closed form."""
+    """Return empty samples, for cores that have a closed form."""
     return Samples(
         corner=np.zeros(3),
         cell=1.0,
@@ -122,7 +122,7 @@ class Cores(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """What can be touched of a body.
+    """Contact surface of a body.
 
     cores    : of its solids
     middle   : (3,) of a ball around all of it, in its principal axes [m]

@@ -96,7 +96,7 @@ class CircularOrbitConfig(Record):
 
     @property
     def radius(self) -> float:
-        """Of the orbit, (mu / n^2)^(1/3) [m]."""
+        """Return the radius of the orbit, (mu / n^2)^(1/3) [m]."""
         return math.cbrt(EARTH_MU / self.rate**2)
 
     @property

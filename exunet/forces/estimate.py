@@ -22,7 +22,7 @@ from exunet.net.arrays import Net
 
 @dataclass(frozen=True)
 class Estimate:
-    """What an effect would do to a scene; both are root mean squares over the mass of the free nodes.
+    """Estimated influence of an effect on a scene, as root mean squares over the mass of the free nodes.
 
     acceleration : [m/s2] that it gives
     displacement : [m] that it makes over the scene's duration
@@ -36,7 +36,7 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class EstimateBasis:
-    """What an estimate may know of a scene.
+    """Scene data available to an estimate.
 
     net      : the woven net
     duration : of the scene [s]
@@ -52,7 +52,7 @@ class EstimateBasis:
 
     @cached_property
     def blocks(self) -> Blocks:
-        """What forces act on: the nodes alone."""
+        """Return the degrees of freedom that forces act on: the nodes alone."""
         return Blocks.of_net(self.net, self.position)
 
     @cached_property

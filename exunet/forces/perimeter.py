@@ -73,7 +73,7 @@ class Shortening:
         return one.at, one.at + (1.0 - one.part) / one.rate
 
     def data(self, memory: Floats) -> Threads:
-        """What the loops take; memory : (1,) number of the instants that have passed."""
+        """Build the data for the loops; memory : (1,) number of the instants that have passed."""
         own, time = list(self.elements), self.law.relaxation_time
         first, second = (3 * self.blocks.net.element_nodes[own].T).astype(Index)
         return Threads(
@@ -205,7 +205,7 @@ def energy_of_threads(x: Any, threads: Any) -> float:
 
 
 def power_in_threads(t: float, x: Any, v: Any, threads: Any) -> float:
-    """What the viscous stress takes out [W]."""
+    """Compute the power that the viscous stress dissipates [W]."""
     total = 0.0
     for e in range(threads.length.size):
         length, natural, strain, tension, parting = threads_pull(x, v, threads, e)

@@ -142,7 +142,7 @@ def energy_of_outlet(x: Any, outlet: Any) -> float:
 
 
 def power_in_outlet(t: float, x: Any, v: Any, outlet: Any) -> float:
-    """What the viscous stress takes out [W]."""
+    """Compute the power that the viscous stress dissipates [W]."""
     _, _, viscous, parting, _ = pulls(x, v, outlet)
     natural, _, _ = stretched(x, outlet)
     return viscous * natural * parting
@@ -176,12 +176,12 @@ NOTHING_ASKED = np.zeros(4)
 
 
 def memory_name(reel: ReeledTether) -> str:
-    """Of the memory: number of nodes on the drum, number of commands that have come."""
+    """Return the name of the memory: number of nodes on the drum, number of commands that have come."""
     return f"{reel.name}/reel"
 
 
 def command_name(tether: str) -> str:
-    """Of the input by which a script commands the reel of a tether."""
+    """Return the name of the input by which a script commands the reel of a tether."""
     return f"reel/{tether}"
 
 
@@ -213,7 +213,7 @@ class Winding:
     law: Law
 
     def outlet(self, memory: Floats) -> Outlet:
-        """What the loops take; memory: of the reel, followed by what a script asks, if anything."""
+        """Build the data for the loops; memory: of the reel, followed by the commands of a script, if any."""
         reel, blocks, on_drum = self.reel, self.blocks, int(memory[ON_DRUM])
         element, drive = reel.elements[on_drum], reel.drives[int(memory[COMMANDED])]
         part, natural = reel.element_length, float(self.law.natural_length[element])
@@ -260,7 +260,7 @@ class Winding:
 
     @property
     def name(self) -> str:
-        """Of the tether."""
+        """Return the name of the tether."""
         return self.reel.name
 
     def on_drum(self, memory: Memories) -> int:

@@ -265,7 +265,7 @@ class Switch:
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
     ) -> Change:
-        """What the crossing of `items` does to the memory, and to the state; every : all memories now."""
+        """Return the changes of memory and state by the crossing of `items`; every : all memories now."""
         raise NotImplementedError
 
 
@@ -324,7 +324,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class Change:
-    """What an event did.
+    """Changes by an event: memory, energy and state.
 
     memory      : the new memory of the term
     energy_lost : [J] with the event; negative: put in. None: what the energy of the system changes by, less
@@ -355,7 +355,7 @@ class Change:
 
 
 class Term(Protocol):
-    """What every form of the engine and every book asks of a force."""
+    """Interface of a force to every backend and balance."""
 
     @property
     def acts_on(self) -> str:
@@ -394,7 +394,7 @@ class Term(Protocol):
 
 
 class ScriptTerm(Term, Protocol):
-    """What happens in a mission: without forces, it changes inputs of others; its switch is a `Watch`."""
+    """Mission script: changes inputs of other terms and does not exert forces; its switch is a `Watch`."""
 
     @property
     def acts_with(self) -> frozenset[str]:

@@ -61,7 +61,7 @@ _STORED = 1e-9
 
 @dataclass(frozen=True)
 class Content:
-    """What the folder "resources" of an FMU has for its worker, beside the files of the case.
+    """Data for the worker in the folder "resources" of an FMU, beside the files of the case.
 
     token     : identifies the export: binary, description and states must have the same
     exunet    : version of the export

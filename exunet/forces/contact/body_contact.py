@@ -180,7 +180,7 @@ def depth_of_corner(c: Any, k: int, p: Any) -> Any:
 
 
 def press_corner(c: Any, k: int, force: Any) -> None:
-    """What corner or ball k gives, into c.work.total."""
+    """Add the force of corner or ball k to c.work.total."""
     p = place_of_body(c, c.presses.corner[k])
     depth, d, e, f = depth_of_corner(c, k, p)
     if depth <= 0.0:
@@ -197,7 +197,7 @@ def press_corner(c: Any, k: int, force: Any) -> None:
 
 
 def press_edge(c: Any, k: int, force: Any) -> None:
-    """What edge k gives, into c.work.total."""
+    """Add the force of edge k to c.work.total."""
     a = place_of_body(c, c.presses.edge[k, 0])
     b = place_of_body(c, c.presses.edge[k, 1])
     thick = c.presses.thickness[k]
@@ -309,9 +309,9 @@ def body_contact_potential(x: Any, c: Any) -> float:
 
 
 def remember_body_contact(t: float, x: Any, v: Any, c: Any) -> None:
-    """What friction remembers, and the status, at the end of an accepted step.
+    """Store the memory of friction, and the status, at the end of an accepted step.
 
-    `add_body_contact` has looked at this state last.
+    `add_body_contact` has evaluated this state last.
     """
     kept, rows = c.kept, c.springs.along.size
     for k in range(rows):
@@ -362,7 +362,7 @@ class BodyLaw(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """What a body presses with, in its principal axes from its centre of mass.
+    """Corners, balls and edges by which a body presses, in its principal axes from its centre of mass.
 
     corner    : (m, 3) corners, ends of axes and middles of balls [m]; thick : (m,) radius around each [m]
     is_ball   : (m,) 1.0 for balls, else 0.0
@@ -433,7 +433,7 @@ class Work(NamedTuple):
 
 
 class BodyContact(NamedTuple):
-    """What of one body may press into another, this one's surface, the law and work space.
+    """Pressing corners and edges of one body, the touched surface of another, the law and work space.
 
     presses  : what presses
     cores    : of the touched body, without balls
@@ -480,7 +480,7 @@ def body_contact(
 
 
 def frame_of(cores: Cores) -> Frame:
-    """What a body of these solids presses with; nothing of cylinders and frustums."""
+    """Collect the pressing corners, balls and edges of solids; cylinders and frustums add nothing."""
     corners: list[tuple[Floats, float, float]] = []
     edges: list[tuple[Floats, Floats, float]] = []
     for kind, numbers, place, turn, radius in zip(*cores[:5], strict=True):

@@ -110,7 +110,7 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
 
 
 def size_of(a: Any) -> float:
-    """Of a vector (3)."""
+    """Return the length of a vector (3)."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
@@ -156,7 +156,7 @@ def remember_touch(t: float, now: Any, status: Any) -> None:
 
 
 def remember_wrong(t: float, wrong: float, pair: float, status: Any) -> None:
-    """What went wrong first, in the `Status`; wrong = 0.0: nothing did."""
+    """Store the first error in the `Status`; wrong = 0.0: no error."""
     if status[4] == 0.0 and wrong > 0.0:
         status[4] = wrong
         status[5] = t

@@ -71,7 +71,7 @@ class ImpactDampingConfig(Record):
 
     @property
     def a(self) -> float:
-        """Of Hunt and Crossley's law [s/m]."""
+        """Return the damping coefficient a of Hunt and Crossley's law [s/m]."""
         if self.damping is not None:
             return self.damping
         assert self.restitution is not None

@@ -340,7 +340,7 @@ def rule_for(half: float, near: float) -> Any:
 
 
 def length_of(line: Any) -> float:
-    """Of the thread [m]."""
+    """Return the length of the thread [m]."""
     return math.sqrt(line[3] * line[3] + line[4] * line[4] + line[5] * line[5])
 
 
@@ -888,9 +888,9 @@ def along(a: Any, b: Any, s: float) -> Any:
 
 
 def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
-    """What the pairs that were looked at leave in the memory, and the largest depth.
+    """Store the memory of the evaluated pairs, and the largest depth.
 
-    `add_thread_contact` has looked at this state last.
+    `add_thread_contact` has evaluated this state last.
     """
     kept = c.kept
     for item in range(int(c.near.look[0])):

@@ -231,7 +231,7 @@ def _stiffness_rate(net: Net, stiffness: float) -> float:
 
 
 def trouble(values: Floats, data: Together) -> str:
-    """What is wrong by a memory; "": nothing."""
+    """Return the error message of a memory; "": no error."""
     status = status_of(values)
     when = f"at t = {status.wrong_time:.6g} s"
     if status.wrong == TOO_MANY:

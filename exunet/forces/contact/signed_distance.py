@@ -40,7 +40,7 @@ def core_distance(kind: int, a: float, b: float, c: float, x: float, y: float, z
 
 
 def ball_distance(x: float, y: float, z: float) -> Any:
-    """Of a point."""
+    """Return the distance of (x, y, z) from a point at the origin, and its gradient."""
     d = math.sqrt(x * x + y * y + z * z)
     if d == 0.0:
         return 0.0, 0.0, 0.0, 1.0
@@ -48,7 +48,7 @@ def ball_distance(x: float, y: float, z: float) -> Any:
 
 
 def box_distance(a: float, b: float, c: float, x: float, y: float, z: float) -> Any:
-    """Of a box with half edges a, b, c."""
+    """Return the signed distance from a box with half edges a, b, c, and its gradient."""
     p = abs(x) - a
     q = abs(y) - b
     r = abs(z) - c
@@ -74,7 +74,7 @@ def box_distance(a: float, b: float, c: float, x: float, y: float, z: float) -> 
 
 
 def profile_distance(a: float, b: float, h: float, r: float, z: float) -> Any:
-    """Of the figure between the lines z = -h, z = h and the one through (a, -h), (b, h), of a point (r, z).
+    """Compute the distance of (r, z) from the figure between z = -h, z = h and the line (a, -h) to (b, h).
 
     Returns the distance and the gradient along r and z; of a solid of revolution, r is from the axis.
     """
@@ -175,7 +175,7 @@ DISTANCES = (
 
 
 def weights_at(t: float) -> Any:
-    """Of the four points around a place, t in [0, 1] cells behind the second."""
+    """Return the weights of the four points around a place, t in [0, 1] cells behind the second."""
     u, w = t * t, t * t * t
     return -0.5 * t + u - 0.5 * w, 1.0 - 2.5 * u + 1.5 * w, 0.5 * t + 2.0 * u - 1.5 * w, 0.5 * (w - u)
 

@@ -58,7 +58,7 @@ class SphereLaw(NamedTuple):
 
 
 class Balls(NamedTuple):
-    """What touches as spheres: singular and plural name, their nodes (m,), and the numbers reported (m,)."""
+    """Nodes that touch as spheres: singular and plural name, nodes (m,), and the numbers reported (m,)."""
 
     one: str
     many: str
@@ -302,7 +302,7 @@ def sphere_contact_potential(x: Any, c: Any) -> float:
 
 
 def remember_sphere_contact(t: float, x: Any, v: Any, c: Any) -> None:
-    """What the spheres leave in the memory; `add_sphere_contact` has looked at this state last."""
+    """Store the memory of the spheres; `add_sphere_contact` has evaluated this state last."""
     kept = c.kept
     for k in range(c.spheres.node.size):
         keep_row(kept, k, c.after[k])

@@ -15,7 +15,7 @@ from exunet.forces.terms import Memory, Series
 
 
 class Status(NamedTuple):
-    """What is known of a contact at the end of an accepted step, in the order of the memory.
+    """Status of a contact at the end of an accepted step, in the order of the memory.
 
     depth, depth_time, depth_pair : largest depth so far [m], when [s], number of the pair
     first_touch : when something touched first [s]; -1.0: not yet
@@ -108,7 +108,7 @@ def memory_of(
 
 
 def series_of(begin: str) -> tuple[Series, ...]:
-    """What is stored of a status, under names that begin so."""
+    """Return the series that are stored of a status; their names start with `begin`."""
     return tuple(Series(begin + name, units, _place(field)) for field, (name, units) in _SERIES.items())
 
 
@@ -132,7 +132,7 @@ def trouble(
     numbers: NDArray[np.int64],
     beyond_radius: float | None = None,
 ) -> str:
-    """What is wrong by a memory; "": nothing.
+    """Return the error message of a memory; "": no error.
 
     what, numbers : name of what touches the body, and its number in each pair
     beyond_radius : how much deeper than by its radius it may be [m]; None: as the surface allows
@@ -168,7 +168,7 @@ def trouble(
 
 
 def trouble_of_bodies(values: Floats, presses: str, touched: str, allowed: float, least: float) -> str:
-    """What is wrong by the memory of two bodies; "": nothing.
+    """Return the error message of the memory of two bodies; "": no error.
 
     allowed : depth beyond which nothing may be [m]; least : half of the least thickness of both [m]
     """

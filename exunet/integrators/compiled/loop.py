@@ -204,7 +204,7 @@ class CompiledStepper:
 
     @property
     def _stresses(self) -> Floats:
-        """What the last evaluation of the forces left of viscous stresses (`ViscousElements.viscous`)."""
+        """Return the viscous stresses of the last evaluation of the forces (`ViscousElements.viscous`)."""
         return next(
             (data.viscous for data in self._table.data if isinstance(data, ViscousElements)), _NO_STRESS
         )

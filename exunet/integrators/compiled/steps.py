@@ -101,7 +101,7 @@ def first_order_rates(v: Any, z: Any, a: Any, m: Any, rate: Any) -> None:
 
 
 def stage(t: float, h: float, x: Any, v: Any, m: Any, a: Any, rate: Any, weights: Any) -> float:
-    """What is of first order, m.z + h (c1 k1 + ... + c6 k6), into m.z1; accelerations a there, and its rate.
+    """Compute first-order m.z1 = m.z + h (c1 k1 + ... + c6 k6); accelerations a there, and its rate.
 
     rate : the row of m.rates for it, not its number: of a literal number, each would be compiled anew
     Returns the elastic energy [J].

@@ -138,7 +138,7 @@ LOOP = (begin_runs, runs_through)
 
 
 def side_by_side_kernel(system: System, plan: Plan) -> Kernel | None:
-    """What advances several runs at once; None where that cannot be.
+    """Build the kernel that advances several runs at once; None if that is not possible.
 
     It needs equal steps of the compiled loop, points only, no memories or inputs, and forces that can act on
     many runs: the elastic elements, and constant matrices and loads. Needs Numba.
@@ -203,7 +203,7 @@ class RunsSideBySide:
         return [States(self._system, time, x, v, self._system.memory, taken) for x, v, taken in rows]
 
     def largest_tensions(self, run: int) -> tuple[Largest, ...]:
-        """Of each group of elements, of all steps so far."""
+        """Return the largest tension of each group of elements, of all steps so far."""
         return largest_tensions_of(self._seen.largest[run])
 
     @property
