@@ -122,7 +122,7 @@ class Events:
         return kept
 
     def _at_rest(self, change: Change, v: Floats) -> Change:
-        """What goes to sleep has no velocity."""
+        """Set the velocities of the points that go to sleep to zero."""
         if change.awake is None:
             return change
         if AWAKE not in self.memory:
@@ -170,7 +170,7 @@ class Events:
         return any(len(switch.crossed(time, x, v, self._seen(name))) for name, switch in self._switches)
 
     def at(self, time: float, x: Floats, v: Floats) -> Iterator[tuple[str, Change]]:
-        """What happens at the end of an accepted step; the caller lets each change act before the next.
+        """Yield the changes at the end of an accepted step; the caller lets each act before the next.
 
         Terms come in their order, the constraint last; a switch is asked again at once if its change says so,
         and those before the script whose memories it has changed once it is done.
@@ -189,7 +189,7 @@ class Events:
                     yield from ((before, change) for change in self._of(before, one, time, x, v))
 
     def _of(self, name: str, switch: Switch, time: float, x: Floats, v: Floats) -> Iterator[Change]:
-        """What one switch does."""
+        """Yield the changes of one switch, with the energy that they lose."""
         more = True
         while more and not self.stopped and len(items := switch.crossed(time, x, v, self._seen(name))):
             change = switch.change(time, x, v, self._seen(name), items, self.memory)

@@ -54,7 +54,7 @@ class Steps(NamedTuple):
 
 @dataclass
 class StepCounts:
-    """What an integration cost: accepted and rejected steps, Newton iterations, right-hand sides."""
+    """Costs of an integration: accepted and rejected steps, Newton iterations, right-hand sides."""
 
     steps: int = 0
     rejected: int = 0

@@ -259,7 +259,7 @@ def _own(folder: Path) -> bool:
 
 
 def version_of(name: str) -> str:
-    """Of a module here that compiled code has in it: kept code of another version is not taken."""
+    """Return the hash of a module here that compiled code uses; kept code of another hash is not reused."""
     return hashlib.sha256(Path(__file__).with_name(f"{name}.py").read_bytes()).hexdigest()[:16]
 
 

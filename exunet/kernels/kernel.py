@@ -80,7 +80,7 @@ def _text(function: Function) -> str:
 
 
 def addresses(call: KernelCall, source: str, data: tuple[Any, ...], lanes: bool) -> dict[str, int]:
-    """Of its functions by name, compiled for such data if they are not yet; needs Numba.
+    """Return the addresses of a call's functions by name, compiled for such data if needed; needs Numba.
 
     source, lanes : `call_source` of the call
     """
@@ -95,7 +95,7 @@ _addresses: dict[Any, dict[str, int]] = {}
 
 
 def _kinds(data: tuple[Any, ...]) -> tuple[Any, ...]:
-    """What the types of compiled code depend on; Numba's `typeof` takes a hundred times as long."""
+    """Return the key of the types of compiled code; Numba's `typeof` takes a hundred times as long."""
     return type(data), *(
         _kinds(value)
         if isinstance(value, tuple)

@@ -282,7 +282,7 @@ def signature_of(
 
 
 def _number_in(kinds: tuple[types.Type, ...], name: str) -> types.Type:
-    """Of the arrays among the arguments, which are flat and contiguous."""
+    """Return the number type of the arrays among the arguments, which are flat and contiguous."""
     states = [kind for kind, of in zip(kinds, _ARGUMENTS[name], strict=True) if of == _STATE]
     for kind in states:
         if not isinstance(kind, types.Array) or (kind.ndim, kind.layout) != (1, "C"):

@@ -41,7 +41,7 @@ class Backend(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class MethodFacts:
-    """What the program must know of an integration method.
+    """Properties of an integration method that the program must know.
 
     order      : declared order of convergence
     stages     : right-hand sides of one step in Exudyn

@@ -1,1 +1,1 @@
-"""What is simulated, as one system: blocks and layout, energy and momentum balances, stable step."""
+"""The simulated system: blocks and layout, energy and momentum balances, stable step."""

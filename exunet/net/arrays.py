@@ -32,7 +32,7 @@ def _no_anchors() -> Ints:
 
 @dataclass(frozen=True)
 class Mesh:
-    """What a topology fills in: knots and sides, before strings, bullets and division of the sides.
+    """Knots and sides that a topology fills in, before strings, bullets and division of the sides.
 
     knots      : (n_knots, 3) reference positions [m]
     sides      : (n_sides, 2) knots at the ends of each cable side

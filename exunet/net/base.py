@@ -358,12 +358,12 @@ def mesh_divides(key: str, size: float, mesh: float) -> Iterator[Fault]:
 
 
 def no_node(node: int, count: int) -> str:
-    """What is wrong with a node number outside 0 ... count - 1."""
+    """Return the reason why a node number outside 0 ... count - 1 is wrong."""
     return f"there is no node {node}: the {count} nodes are numbered from 0 to {count - 1}"
 
 
 def other_length(values: Sized, nodes: Sized) -> str:
-    """What is wrong if there is not one of `values` for each of `nodes`, else ""."""
+    """Return the reason why `values` do not have one entry for each of `nodes`, or ""."""
     if len(values) == len(nodes):
         return ""
     return f"needs one entry for each of the {len(nodes)} nodes of net.nodes, got {len(values)}"

@@ -1,4 +1,4 @@
-"""What closes the mouth of a net: a line that slides through rings, or an edge whose threads become shorter.
+"""Closing of a net's mouth: a line that slides through rings, or an edge whose threads become shorter.
 
 A closing line is one length of cord between two nodes, its ends, that runs through rings at other nodes; a
 closed loop has both ends at its first ring. Where the ends are nearer to each other, or the rings to their
@@ -27,7 +27,7 @@ SLOWS = 0.01  # of the length: the way before a limit in which the winch slows d
 
 
 class EndOfLine(NodeConfig):
-    """What an end of the line is tied to."""
+    """Attachment of an end of the closing line."""
 
     EXACTLY_ONE: ClassVar = ("node", "bullet", "tether")
 
@@ -185,7 +185,7 @@ class ShortenedEdge:
 
 
 def closing_of(net: Net, keys: ClosingLine | Perimeter) -> LineThroughRings | ShortenedEdge:
-    """What closes a net; raises CaseError for nodes, bullets and tethers that it does not have."""
+    """Return the closing of a net; raises CaseError for nodes, bullets and tethers that it does not have."""
     if isinstance(keys, Perimeter):
         loop = _edge(net, "kind")
         pairs = {frozenset(pair) for pair in pairwise((*loop, loop[0]))}

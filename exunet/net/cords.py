@@ -69,7 +69,7 @@ ConstructionName = Literal["monofilament", "twisted", "braided"]
 
 
 class Cord(NamedTuple):
-    """What follows from fibre and construction: density [kg/m3], modulus and strength [Pa] of the area A."""
+    """Properties of a cord of area A by fibre and construction: density [kg/m3], modulus, strength [Pa]."""
 
     density: float
     youngs_modulus: float

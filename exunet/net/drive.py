@@ -19,7 +19,7 @@ WITHOUT_LIMIT = 1e9  # [m/s]
 
 @dataclass(frozen=True)
 class Drive:
-    """What a command asks for, as numbers of one law: see `exunet.forces.reel.winding_rate`.
+    """Numbers of the law that a command sets: see `exunet.forces.reel.winding_rate`.
 
     rate  : of winding up, at most [m/s]; `WITHOUT_LIMIT` if only a force is requested
     force : at which it stands still, and above which it pays out [N]
@@ -37,7 +37,7 @@ class Drive:
 
     @property
     def action(self) -> str:
-        """What it does: "lock", "pull" or, at a rate or above a force, "pay out"."""
+        """Return the action of the drive: "lock", "pull" or, at a rate or above a force, "pay out"."""
         return "lock" if self.is_locked else "pull" if self.rate > 0.0 else "pay out"
 
 
@@ -115,7 +115,7 @@ class DriveConfig(Record):
 
     @property
     def times(self) -> tuple[float, ...]:
-        """Of the commands [s]."""
+        """Return the times of the commands [s]."""
         return tuple(command.at for command in self.commands)
 
     @property
@@ -155,7 +155,7 @@ def _reason(error: Any) -> str:
 
 
 def too_fast(rate: float, largest: float) -> str:
-    """What is wrong with a rate [m/s], either way, of a drive with a largest rate; "" if nothing is."""
+    """Return the reason why a rate [m/s], either way, exceeds the largest of a drive; "" if it does not."""
     if abs(rate) <= largest:
         return ""
     beyond = f"above {largest:g}" if rate > 0.0 else f"below {-largest:g}"

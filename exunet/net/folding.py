@@ -72,7 +72,7 @@ class Fold(Record):
 
     @property
     def radius_and_height(self) -> tuple[float, float]:
-        """Of the canister, or of the upright cylinder in the box [m]."""
+        """Return radius and height of the canister, or of the upright cylinder in the box [m]."""
         if self.box is not None:
             return min(self.box[:2]) / 2.0, self.box[2]
         return self.cylinder or (0.0, 0.0)
@@ -83,7 +83,7 @@ class Fold(Record):
         return CaseError([Fault(f"initial.fold.{key}", reason)])
 
     def holding(self, needed: Floats) -> Fold:
-        """Of this kind and of round sizes: it holds what this one does, and a prism of these edges [m]."""
+        """Return a canister of this kind and round sizes for its content and a prism of these edges [m]."""
         x, y, z = np.maximum(needed, self.room).tolist()
         if self.box is not None:
             return self.model_copy(update={"box": (_rounded_up(x), _rounded_up(y), _rounded_up(z))})
@@ -789,7 +789,7 @@ _PARTS = sorted(((a, b) for a in _LEVELS for b in _LEVELS), key=lambda pair: (-m
 def _meeting(
     a: tuple[float, float], radius_a: float, b: tuple[float, float], radius_b: float
 ) -> tuple[float, float] | None:
-    """Of the points where two circles in a plane meet, the one further out; None if they do not."""
+    """Return the outer of the two points where two circles in a plane meet; None if they do not."""
     x, y = b[0] - a[0], b[1] - a[1]
     apart = math.hypot(x, y)
     if apart == 0.0:

@@ -98,7 +98,7 @@ class ReeledTether:
 
     @property
     def length(self) -> float:
-        """Of the whole tether [m]."""
+        """Return the length of the whole tether [m]."""
         return self.element_length * len(self.elements)
 
     @property
@@ -158,7 +158,7 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
 
 class TetherEnd(NodeConfig):
-    """What an end of a tether is tied to."""
+    """Attachment of an end of a tether."""
 
     EXACTLY_ONE: ClassVar = ("body", "node", "bullet")
 

@@ -169,7 +169,7 @@ def between_segments(one: Floats, other: Floats) -> Floats:
 
 
 def nearest(net: Net, position: Floats, within: float, *, strings: bool = True) -> NearestElements | None:
-    """Of all elements that share no node, the two that come nearest.
+    """Return the two nearest elements of all pairs that share no node.
 
     position : (n_nodes, 3) [m]
     within   : [m]; None if none are nearer

@@ -39,7 +39,7 @@ MAX_ROWS = 24  # designs, or points of a grid
 
 @dataclass(frozen=True)
 class StudyData:
-    """What figures of a study show: arrays (rows,) by name, and estimates.
+    """Data of the figures of a study: arrays (rows,) by name, and estimates.
 
     inputs    : values, the strongest first
     outcome   : capture outcomes; "" of a run without one

@@ -138,7 +138,7 @@ _LEGEND_ROW = 3.6  # mm
 
 @dataclass(frozen=True)
 class Source:
-    """What a figure is drawn from, and its width.
+    """Data that a figure is drawn from, and its width.
 
     result    : the run
     ensemble  : its perturbed runs, if any

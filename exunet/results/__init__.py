@@ -1,1 +1,1 @@
-"""What a run leaves: files, measures, comparison, summary."""
+"""Results of a run: files, measures, comparison, summary."""

@@ -63,7 +63,7 @@ class Measures(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What is to be captured, in its frame.
+    """Target of a capture, in its own frame.
 
     centre  : (3,) its centre of mass [m]
     points  : (m, 3) spread evenly inside [m]
@@ -247,7 +247,7 @@ def _spin(mass: Floats, x: Floats, v: Floats) -> Floats:
 
 
 def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[float, ...]:
-    """Of points (n, 3): enclosed part, volume and surface of their hull, mean and least distance of them."""
+    """Return enclosed part, volume, surface of the hull of points (n, 3), their mean and least distance."""
     distances = distances_to(target.shape, (x - place) @ turn)
     apart = float(distances.mean()), float(distances.min())
     try:

@@ -62,7 +62,7 @@ class Nearest(NamedTuple):
 
 
 def nearest(one: Mover, other: Mover) -> Nearest:
-    """Of two bodies, between the instants of their paths too."""
+    """Return the nearest approach of two bodies, between the instants of their paths too."""
 
     def measure(a: Floats, b: Floats) -> Floats:
         return distances(one.shape, a, other.shape, b)

@@ -182,7 +182,7 @@ SAME_NET = 1e-9
 
 
 class ComparedNet(Protocol):
-    """What exunet's nets and those of reference_impl have in common; shapes as in `Net`."""
+    """Properties that exunet's nets and those of reference_impl share; shapes as in `Net`."""
 
     @property
     def reference_position(self) -> Floats: ...
@@ -204,7 +204,7 @@ class ComparedNet(Protocol):
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """What two runs are compared by; shapes as in `Result`, axial_stiffness E A (n_elements,) [N].
+    """Data by which two runs are compared; shapes as in `Result`, axial_stiffness E A (n_elements,) [N].
 
     bodies : those beside the net, by name
     broken : elements that broke and when [s], in order of time
@@ -377,7 +377,7 @@ def compare(a: Run, b: Run) -> Agreement:
 def _compare_broken(
     a: ComparedRun, b: ComparedRun, elements: tuple[Ints, Ints], until: float
 ) -> ComparedBreaks | None:
-    """What broke in two runs until a time [s], in a's numbers; None if nothing did."""
+    """Compare the elements that broke in two runs until a time [s], by a's numbers; None without breaks."""
     ours = {element: time for element, time in a.broken if time <= until}
     numbers = dict(zip(elements[1].tolist(), elements[0].tolist(), strict=True))
     theirs = {numbers[element]: time for element, time in b.broken if time <= until}
@@ -394,7 +394,7 @@ def _compare_broken(
 def _differences(
     a: ComparedRun, b: ComparedRun, match: Ints, at_a: Ints, at_b: Ints
 ) -> tuple[Floats, Floats, Floats]:
-    """Of some rows of both: largest differences of positions and speeds (k,), b's bullet speeds (k, n)."""
+    """Return largest differences of position, speed (k,) at some rows of both, b's bullet speeds (k, n)."""
     velocity_a, velocity_b = a.velocity[at_a], b.velocity[at_b][:, match]
     position = np.linalg.norm(a.position[at_a] - b.position[at_b][:, match], axis=-1)
     shown = a.bullet_nodes if len(a.bullet_nodes) else np.arange(len(a.reference_position))

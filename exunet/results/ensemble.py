@@ -61,7 +61,7 @@ def instants(end: float) -> Floats:
 
 @dataclass(frozen=True)
 class Member:
-    """What an ensemble uses of one run.
+    """Data that an ensemble uses of one run.
 
     time    : (t,) [s]
     momenta : (t, 6) gained by each part, by its name

@@ -194,7 +194,7 @@ def balance_error(states: Any) -> float:
 
 
 def energy_divisor(result: Result) -> float:
-    """What the error of the energy balance is given as a part of [J].
+    """Return the energy that the error of the energy balance is divided by [J].
 
     It is `energy_scale`. If that is zero (nothing deforms the net, or hardly anything, see `Guards.scale`),
     it is the largest of K, U and |W| at the stored times, with the bodies that no force acts on.
@@ -250,7 +250,7 @@ def work_of_ejection(run: RunRecord) -> float | None:
 
 
 class MomentumBook(NamedTuple):
-    """Of the linear momentum [kg m/s], or of the angular momentum about the scene's origin [kg m2/s].
+    """Balance of the linear momentum [kg m/s], or of the angular one about the scene's origin [kg m2/s].
 
     gained   : largest change since the start, less what bodies of given motion have given: the impulse of
                forces from outside, or error
@@ -302,7 +302,7 @@ def _given(result: Result, names: Iterable[str], quantity: str) -> Floats:
 
 
 def momentum_sizes(result: Result) -> dict[str, float]:
-    """Of the linear and the angular momentum; see `MomentumBook`. Bodies of given motion have none."""
+    """Return the sizes of the linear and angular momentum, see `MomentumBook`, without prescribed bodies."""
     mass = result.net.mass.copy()
     linear, angular = np.zeros(len(result.time)), np.zeros(len(result.time))
     for name, body in result.bodies.items():

@@ -279,7 +279,7 @@ def breaks(run: Observables) -> Iterator[Metric]:
 
 
 def script_entries(run: Observables) -> Iterator[Metric]:
-    """Of each entry of the script whose time the case does not give: first activation, and their number."""
+    """Yield first activation and count of each script entry whose time the case does not give."""
     events = run.result.run.done
     for entry in (item.entry for item in run.result.run.script_entries if item.awaited):
         times = [event.time_s for event in events if event.entry == entry]
@@ -512,7 +512,7 @@ _MOMENTUM, _ANGULAR, _ENERGY = slice(0, 3), slice(3, 6), slice(6, 7)  # columns 
 
 
 def balances(run: Observables) -> Iterator[Metric]:
-    """What each free body and the net gained, and what prescribed bodies, effects and an ejection gave."""
+    """Yield gains of free bodies and the net, and shares of prescribed bodies, effects and an ejection."""
     if not run.momenta:
         return
     for name in run.result.bodies:
@@ -574,7 +574,7 @@ def _gained(run: Observables, key: str, part: str, name: str) -> Iterator[Metric
 
 
 def _given(run: Observables, key: str, name: str) -> Iterator[Metric]:
-    """What a body whose motion is given has given to all else by the end."""
+    """Yield the impulses and the work that a prescribed body has given to all else by the end."""
     values = run.momenta[IMPULSE_OF + name].values[-1]
     yield from _vector(
         f"{key}_impulse", f"impulse given by {name}", "N s", values[_MOMENTUM],
@@ -609,7 +609,7 @@ def _given_by_effect(run: Observables, name: str) -> Iterator[Metric]:
 
 
 def _size(run: Observables, part: str, columns: slice) -> float:
-    """What a change is small against."""
+    """Return the size relative to which a change counts as small."""
     entry = run.momenta[part]
     own = max(float(np.linalg.norm(ends[columns])) for ends in (entry.start, entry.values[-1]))
     return max(_OF_OWN * own, _OF_LARGEST * _largest(run, columns))

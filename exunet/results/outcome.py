@@ -65,7 +65,7 @@ class Verdict(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What a verdict depends on beside measures and contact.
+    """Facts that a verdict depends on beside measures and contact.
 
     closes    : what closes the mouth moves at the end
     complete  : no guard has stopped the run
@@ -522,7 +522,7 @@ class _Flight:
         return sorted(item for item in found if item[0] <= until)
 
     def open(self) -> Reason | None:
-        """What keeps the mouth open of a net that holds its target; None: no condition on the mouth fails."""
+        """Return why the mouth of a net with its target is open; None if no condition on the mouth fails."""
         run, found, end = self.run, self.verdict, self.end
         mouth = found.conditions.get("mouth")
         if mouth is not None and mouth.holds[-1]:

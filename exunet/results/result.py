@@ -51,7 +51,7 @@ class Column:
 
 @dataclass(frozen=True)
 class BodyConstants:
-    """What does not change of a body.
+    """Constant properties of a body.
 
     mass      : [kg]
     inertia   : (3, 3) about the centre of mass, in body axes [kg m2]; None: a point mass
@@ -331,7 +331,7 @@ class BodyStates(ShortRepr):
 
 @dataclass(frozen=True, repr=False)
 class TermStates(ShortRepr):
-    """What is stored of a force over the stored times: values (n_times, m), and their units."""
+    """Stored states of a force at the stored times: values (n_times, m), and their units."""
 
     units: str
     values: Floats

@@ -164,7 +164,7 @@ class FileStore:
 
     @property
     def checkpoint(self) -> bytes | None:
-        """What `keep_checkpoint` was given last; raises InputError if it is damaged."""
+        """Return the snapshot given to `keep_checkpoint` last; raises InputError if it is damaged."""
         with self._errors("cannot be read"):
             row = self._db.execute("SELECT crc, data FROM checkpoint").fetchone()
         return None if row is None else self._sound(*row)

@@ -1,4 +1,4 @@
-"""What is printed of a run, from its summary: the answer, what limits trust in it, warnings."""
+"""Printed table of a run, from its summary: the answer, what limits trust in it, warnings."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _CONDITIONS = {  # name, relation, unit
 
 
 class Report(NamedTuple):
-    """What report.html has beside figures: answer, further rows, text of the case, provenance."""
+    """Content of report.html beside figures: answer, further rows, text of the case, provenance."""
 
     answer: Rows
     table: Rows

@@ -120,7 +120,7 @@ def implausible(case: Case) -> list[Fault]:
 
 
 def _override_warnings(case: Case) -> list[Fault]:
-    """What overrides do beside what they state: keys that they drop, numbered nodes that they move."""
+    """Return the side effects of overrides: keys that they drop, numbered nodes that they move."""
     changes = overridden(case.text, case.path, case.overrides, Scene)[1]
     found = [
         change.fault(

@@ -26,7 +26,7 @@ KIND, FORMAT = "exunet snapshot", 1
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Snapshot(ShortRepr):
-    """What `Simulation.restore` goes back to.
+    """State that `Simulation.restore` goes back to.
 
     of     : which scene and engine it belongs to, see `identity`
     header : numbers and words, JSON-like
@@ -58,7 +58,7 @@ class Snapshot(ShortRepr):
 
     @classmethod
     def of_bytes(cls, content: bytes) -> Snapshot:
-        """What `as_bytes` gave; raises InputError as `load`."""
+        """Return the snapshot that `as_bytes` packed; raises InputError as `load`."""
         return cls._of_parts(*unpack_arrays(content, KIND, FORMAT))
 
     @classmethod
@@ -123,9 +123,9 @@ _NOT_IN_SCENE: Any = {
 
 @lru_cache(maxsize=8)
 def identity(start: Start) -> dict[str, Any]:
-    """What a snapshot must share with what it is put back into.
+    """Return the facts that a snapshot must share with the simulation that it is restored into.
 
-    Of a file that the case names, what was read from it counts, not how or from where its path is written.
+    A file that the case names counts by what was read from it, not by how or from where its path is written.
     """
     scene = start.scene.model_dump(mode="json", exclude=_NOT_IN_SCENE)
     state = hashlib.sha256()

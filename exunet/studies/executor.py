@@ -70,7 +70,7 @@ class Job(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What all jobs have in common: cases (text, path) or a function or its pickle, outputs, limit [s]."""
+    """Common data of all jobs: cases (text, path) or a function or its pickle, outputs, limit [s]."""
 
     cases: tuple[tuple[str, str], ...]
     outputs: OutputsConfig
@@ -80,7 +80,7 @@ class Work(NamedTuple):
 
 @dataclass
 class Done:
-    """What a job has led to: columns of its row, words and unit of its metrics, content of its result."""
+    """Outcome of a job: columns of its row, words and unit of its metrics, content of its result."""
 
     job: Job
     status: str = OK

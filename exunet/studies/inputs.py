@@ -209,7 +209,7 @@ class DesignConfig(Record):
 
 
 class OutputsConfig(Record):
-    """What is printed of a study, and what is kept beside its rows."""
+    """Printed metrics of a study, and full results that are kept beside its rows."""
 
     print: Texts = Field((), description="metrics that are printed")
     limits: dict[str, float] = Field({}, description="limit of a metric, whose exceedance is printed")
@@ -294,7 +294,7 @@ class OptimiseConfig(Record):
 
     @cached_property
     def quantities(self) -> list[Quantity]:
-        """What is maximised, then the constraints."""
+        """Return the quantities that are maximised, then the constraints."""
         return [
             *(Quantity.parse(text, bounded=False) for text in self.maximise),
             *(Quantity.parse(text, bounded=True) for text in self.constraints),

@@ -367,7 +367,7 @@ class Study:
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """What the rows of a table have in common: keys, hashes of cases and meshes, versions."""
+        """Return the common facts of the rows of a table: keys, hashes of cases and meshes, versions."""
         kept = self.config.model_dump(mode="json", exclude=_NO_IDENTITY)
         if self.config.design == "random":
             kept.pop("runs")

@@ -86,7 +86,7 @@ class ReferenceRun:
         self._folder.cleanup()
 
     def refusal(self) -> str:
-        """What it says of a case that it cannot check, as soon as it has read it; empty: it can."""
+        """Return the reason why the reference rejects a case, once it has read it; empty: it accepts."""
         assert self._process.stdout is not None
         assert self._process.stderr is not None
         if self._process.stdout.readline():

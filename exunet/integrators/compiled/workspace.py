@@ -130,7 +130,7 @@ class StepLimits(NamedTuple):
 
 
 class ObservedSteps(NamedTuple):
-    """What is seen of steps, and what that takes.
+    """Observations of steps: peaks, largest tensions, and the arrays that computing them takes.
 
     peaks            : one record `PEAKS`
     largest          : (n_groups,) a record `LARGEST` of each group of `Net.spans`
@@ -168,7 +168,7 @@ class ObservedSteps(NamedTuple):
 
 
 class ObservedRuns(NamedTuple):
-    """What is seen of the steps of several runs, the last axis of x, v and look_above.
+    """Observations of the steps of several runs, which are the last axis of x, v and look_above.
 
     peaks      : (runs,) a record `PEAKS` of each
     largest    : (runs, n_groups) records `LARGEST`
@@ -217,7 +217,7 @@ class StoredRuns(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """What is watched of every step, not only of those kept: some entries of x and v, and of memories.
+    """Watched entries of x, v and memories, at every step and not only at those kept.
 
     at        : (2,) the next row, and the row at which a stretch of steps ends; 0: nothing is watched
     of_x, of_v, of_memory : which entries
@@ -243,7 +243,7 @@ class Samples(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a stretch of steps works on: the state, a record `CLOCK`, what was seen, room for states.
+    """Data of a stretch of steps: state, a record `CLOCK`, observations, room for states, samples.
 
     looks : what is watched of every step
     """
@@ -256,7 +256,7 @@ class Run(NamedTuple):
 
 
 class EqualSteps(NamedTuple):
-    """Of the `number` equal steps from `start` to `until` [s], those from `first` on, at most `limit`."""
+    """Range of `number` equal steps from `start` to `until` [s]: those from `first` on, at most `limit`."""
 
     start: float
     until: float

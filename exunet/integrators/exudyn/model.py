@@ -45,7 +45,7 @@ class Places(NamedTuple):
     plain: bool
 
     def unpack(self, now: Coordinates, time: float | Floats, memory: Memories) -> Moving:
-        """What moves, by the engine's coordinates at times (...) [s], with these memories."""
+        """Return the moving state of coordinates of the engine at times (...) [s], with these memories."""
         return self.of_coordinates(now).completed(self.kinematics, time, memory)
 
     def flat(
@@ -57,7 +57,7 @@ class Places(NamedTuple):
         return layout.pack(self.unpack(now, time, memory))
 
     def of_coordinates(self, now: Coordinates) -> Moving:
-        """What has coordinates; points without are where they were at the start, and at rest."""
+        """Return the states of the coordinates; points without stay at rest where they began."""
         shape = (*now.q.shape[:-1], *self.reference.shape)
         position = np.broadcast_to(self.reference, shape).copy()
         speed = np.zeros(shape)

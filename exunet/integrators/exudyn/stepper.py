@@ -54,7 +54,7 @@ class StepChoice:
         self._tiny_in_a_row = 0
 
     def numbers(self) -> Floats:
-        """What the next stretch begins with: the engine's time and the first step to be tried [s]."""
+        """Return the engine's time and the first step to try [s], with which the next stretch begins."""
         return np.array([self._from, self._first])
 
     def restore(self, numbers: Floats) -> None:
@@ -241,7 +241,7 @@ def put(model: Model, now: Coordinates, time: float, where: Any) -> None:
 
 
 def first_line(words: object) -> str:
-    """Of what the engine says, which begins with empty lines; "" if it says nothing."""
+    """Return the first non-empty line of a message of the engine; "" if the message is empty."""
     lines = [line.strip() for line in str(words).splitlines() if line.strip()]
     return lines[0] if lines else ""
 

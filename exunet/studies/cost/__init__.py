@@ -1,1 +1,1 @@
-"""What accuracy costs: settings of a scene with their wall times, errors and measures."""
+"""Cost of accuracy: settings of a scene with their wall times, errors and measures."""

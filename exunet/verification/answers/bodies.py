@@ -241,7 +241,7 @@ class FreeRotation:
 
     @cached_property
     def _amplitudes(self) -> Floats:
-        """Of the angular velocities along the axes, (37.10)."""
+        """Return the amplitudes of the angular velocities along the axes, (37.10)."""
         (a, b, c), e, h = self.moments, self._twice_energy, self._squared
         return np.sqrt(
             [(e * c - h) / (a * (c - a)), (e * c - h) / (b * (c - b)), (h - e * a) / (c * (c - a))]

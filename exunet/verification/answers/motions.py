@@ -123,7 +123,7 @@ class Modes:
     shapes: Floats
 
     def amplitudes(self, values: Floats) -> Floats:
-        """Of each mode in displacements from the rest or velocities (n, 3)."""
+        """Return the amplitude of each mode in displacements from the rest or velocities (n, 3)."""
         return self.shapes.T @ (self.root * values[self.free].ravel())
 
 
@@ -172,9 +172,9 @@ def stable_steps(case: BothCodes) -> Iterator[Check]:
 
 
 def _largest_eigenvalue(case: BothCodes) -> float:
-    """Of M^-1 T in the reference configuration [1/s2], T as the reference's D with alpha = 0, beta = 1.
+    """Return the largest eigenvalue of M^-1 T in the reference configuration [1/s2].
 
-    That D counts every element as taut, whatever the round-off of its length.
+    T is the reference's D with alpha = 0, beta = 1, which counts each element as taut, despite round-off.
     """
     matrix = formulas.damping(replace(case.theirs.system, effects=Effects(beta=1.0)))
     scale = diags_array(1.0 / np.sqrt(np.repeat(case.theirs.net.mass, 3)))
