@@ -30,7 +30,7 @@ class Extremes(NamedTuple):
 
     elastic, kinetic : largest elastic and least kinetic energy [J] of the steps of a call
     largest          : the largest tension of each group of elements (`Net.spans`), of earlier steps too
-    of_elements      : (n_elements,) of each element [N], likewise; empty unless they are asked for
+    of_elements      : (n_elements,) of each element [N], likewise; empty unless requested
     """
 
     elastic: float

@@ -24,7 +24,7 @@ class Stops:
         self._forces: list[Floats] = []
 
     def next(self, after: float, number: int) -> tuple[list[float], Floats] | None:
-        """Return the next times, at most so many, and the vector until the first; None: no more."""
+        """Return the next times, at most so many, and the vector until the first; None after the last."""
         first = self.after(after)
         return (
             (self._times[first : first + number], self._forces[first]) if first < len(self._times) else None

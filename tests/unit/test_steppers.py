@@ -95,6 +95,19 @@ def test_a_snapshot_goes_on_to_the_same_bits(tables: dict[str, Any]) -> None:
         assert seen(item) == first
 
 
+def test_states_are_observed_within_a_run_without_going_on(tables: dict[str, Any]) -> None:
+    """A look at all states after a stop, as for a record of work, does not go through the stops to come."""
+    run = Simulation(prepare(net(tables, FINE))).run
+    times, reached = [0.01, 0.02, 0.03], []
+
+    def look() -> None:
+        run.settle()
+        reached.append(run.stepper.time)
+
+    run.go(times, look)
+    assert reached == times
+
+
 def test_a_guard_stops_the_run_at_its_last_stored_state(tables: dict[str, Any]) -> None:
     with pytest.raises(RunStopped, match="diverged") as stop:
         exunet.run(net(tables, {**HOPELESS, "retry": 0}))
