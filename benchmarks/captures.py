@@ -188,7 +188,7 @@ def throw(meshes: int, folder: Path) -> tuple[list[str], float, exunet.Simulatio
         steps, touching = bare.advance(WINDOW)
         times[k] = middle - began, time.perf_counter() - middle
         count = sim.counts.right_hand_sides - before
-        ours = int(status_of(sim.state.memory["contact/threads/box"]).touching)
+        ours = int(status_of(sim.state.discrete["contact/threads/box"]).touching)
         rows.append(
             f"| {sim.time:.2f} | {1e6 * times[k, 0] / count:.1f} | {1e6 * times[k, 1] / steps:.1f} | "
             f"{times[k, 0] / times[k, 1]:.2f} | {WINDOW / times[k, 0]:.2f} | {ours} | {touching} |"
@@ -209,7 +209,7 @@ def shares(sim: exunet.Simulation) -> list[str]:
     """Microseconds of one evaluation of the forces, whole and by term, in the state of a simulation."""
     system, state = sim.start.system, sim.state
     kernel = Kernel(system.forces, bodies=True)
-    table = kernel.table(state.memory)
+    table = kernel.table(state.discrete)
     x, v = (np.array(part) for part in system.layout.pack(state.moving))
     force = np.zeros(system.blocks.n_force)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.bodies.port import Piece
-from exunet.forces.terms import Change, Memories
+from exunet.forces.terms import Change, DiscreteStates
 from exunet.integrators.protocol import Arrays, StepCounts, Steps
 from exunet.kernels.kernel import Kernel
 from exunet.methods.method import Plan
@@ -39,12 +39,12 @@ class NumpyStepper:
         self._push = np.zeros(system.blocks.n_force)
         self.time, self._counts = state.time, np.zeros(2, dtype=np.int64)  # steps, rejected
         self._equal = np.zeros(4)  # begin, end, number of equal steps, steps before
-        self._use(state.memory)
+        self._use(state.discrete)
 
-    def _use(self, memory: Memories) -> None:
-        self.memory = {name: np.array(values, dtype=float) for name, values in memory.items()}
-        self._table = self._kernel.table(self.memory)
-        self._inverse = self._system.layout.inverse_mass(self._system, self.memory)
+    def _use(self, discrete: DiscreteStates) -> None:
+        self.discrete = {name: np.array(values, dtype=float) for name, values in discrete.items()}
+        self._table = self._kernel.table(self.discrete)
+        self._inverse = self._system.layout.inverse_mass(self._system, self.discrete)
 
     @property
     def counts(self) -> StepCounts:
@@ -85,7 +85,7 @@ class NumpyStepper:
         if self.time == until:
             self._equal[:] = 0.0
         time, x, v = (np.array(part) for part in zip(*rows, strict=True))
-        return Steps(States(self._system, time, x, v, self.memory))
+        return Steps(States(self._system, time, x, v, self.discrete))
 
     def _runge_kutta(self, h: float) -> None:
         x, v, t = self._x, self._v, self.time
@@ -96,16 +96,16 @@ class NumpyStepper:
         self._x = x + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
         self._v = v + h / 6.0 * (b1 + 2.0 * (b2 + b3) + b4)
 
-    def change(self, change: Change, memory: Memories) -> None:
+    def change(self, change: Change, discrete: DiscreteStates) -> None:
         self._x = self._x if change.x is None else np.array(change.x)
         self._v = self._v if change.v is None else np.array(change.v)
-        self._use(memory)
+        self._use(discrete)
 
     def push(self, force: Floats) -> None:
         self._push[: force.size] = force.ravel()
 
     def set_inputs(self, inputs: Arrays) -> None:
-        self._use({**self.memory, **inputs})
+        self._use({**self.discrete, **inputs})
 
     def steer(self, port: str, piece: Piece) -> None:
         self.steered(port)
@@ -114,21 +114,21 @@ class NumpyStepper:
         raise InputError(f"unknown port {port!r}")
 
     def view(self) -> State:
-        return State.of(self.time, self._system.layout.unpack(self._x, self._v), self.memory)
+        return State.of(self.time, self._system.layout.unpack(self._x, self._v), self.discrete)
 
     def state(self) -> State:
         moving = self._system.layout.unpack(self._x.copy(), self._v.copy())
-        return State.of(self.time, moving, {name: values.copy() for name, values in self.memory.items()})
+        return State.of(self.time, moving, {name: values.copy() for name, values in self.discrete.items()})
 
     def save(self) -> dict[str, NDArray[Any]]:
         own = {"x": self._x, "v": self._v, "push": self._push, "counts": self._counts, "equal": self._equal}
-        own |= {f"memory/{name}": values for name, values in self.memory.items()}
+        own |= {f"discrete/{name}": values for name, values in self.discrete.items()}
         return {name: np.array(values) for name, values in own.items()} | {"time": np.array(self.time)}
 
     def load(self, arrays: Arrays, rejected: int | None = None) -> None:
         self.time, self._x, self._v = float(arrays["time"]), np.array(arrays["x"]), np.array(arrays["v"])
         for name, own in (("push", self._push), ("counts", self._counts), ("equal", self._equal)):
             own[:] = arrays[name]
-        self._use({name: arrays[f"memory/{name}"] for name in self.memory})
+        self._use({name: arrays[f"discrete/{name}"] for name in self.discrete})
         if rejected is not None:
             self._counts[1] = rejected

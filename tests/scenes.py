@@ -25,7 +25,7 @@ from exunet.bodies.rotations import product, rotation_matrix
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 from exunet.bodies.touched import surface_of
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.contact.law import Law
+from exunet.forces.contact.law import ContactLaw
 from exunet.forces.contact.thread_contact import SKIN, gauss_rules
 from exunet.forces.cores import Surface
 from exunet.forces.effects import Effects
@@ -549,7 +549,7 @@ def contact_of(
         skin=SKIN * touched.cores.samples.cell,
     )  # fmt: skip
     threads = SimpleNamespace(thick=np.array([thick]), pieces=np.array([pieces]))
-    law, body = Law(stiffness, damping, 1.0, 0.0, 0.0), SimpleNamespace(radius=1.0)
+    law, body = ContactLaw(stiffness, damping, 1.0, 0.0, 0.0), SimpleNamespace(radius=1.0)
     return SimpleNamespace(
         cores=touched.cores, threads=threads, law=law, body=body, near=near, work=work, after=np.zeros((1, 5))
     )
@@ -838,8 +838,8 @@ class Placed:
         self.nodes = slice(0, 3 * start.net.n_nodes)
 
     def terms(self) -> list[tuple[KernelTerm, Any]]:
-        """The terms with memory, and their data."""
-        return [(term, term.data) for term in self.start.system.forces.kernels if term.memory]
+        """The terms with discrete state, and their data."""
+        return [(term, term.data) for term in self.start.system.forces.kernels if term.discrete]
 
     def centre(self, name: str = "target") -> Floats:
         return self.x[self.blocks.centre(name) :][:3]

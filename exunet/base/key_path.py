@@ -68,7 +68,7 @@ def leaves(value: Any, path: KeyPath = (), *, vectors: int = 0) -> Iterator[tupl
         yield from leaves(item, (*path, key), vectors=vectors)
 
 
-class Place(NamedTuple):
+class Location(NamedTuple):
     """Where a value stands: `holder[key]`, and its path.
 
     new : path of the first table that was made for it; () if none was
@@ -80,7 +80,7 @@ class Place(NamedTuple):
     new: KeyPath = ()
 
 
-def place_of(document: dict[str, Any], path: KeyPath, *, make: bool) -> Place:
+def place_of(document: dict[str, Any], path: KeyPath, *, make: bool) -> Location:
     """Find the place of a value, which need not be there with `make`: tables on the way to it are made.
 
     An index in a table of tables with chosen names counts these in their order. Raises ValueError for an
@@ -112,4 +112,4 @@ def place_of(document: dict[str, Any], path: KeyPath, *, make: bool) -> Place:
         if last:
             break
         node = node[part]
-    return Place(node, part, path, new)
+    return Location(node, part, path, new)

@@ -51,7 +51,7 @@ _ROWS = 4096  # instants that are looked at in one go
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ConvexPart:
     """A convex part of a body, in its frame.
 
     solid    : that it is; None: the hull of `vertices`
@@ -76,7 +76,7 @@ class Part:
 
 
 @lru_cache(maxsize=256)
-def parts_of(shape: Shape, scale: float = 1.0) -> tuple[Part, ...]:
+def parts_of(shape: Shape, scale: float = 1.0) -> tuple[ConvexPart, ...]:
     """The convex parts of a shape, each made smaller by a factor about its origin (a mesh: its middle)."""
     found = [part_of(replace(solid, numbers=_times(scale, solid.numbers))) for solid in shape.solids]
     return (*found, *([] if shape.mesh is None else [_hull(shape.mesh.vertices, scale)]))
@@ -87,19 +87,19 @@ def _times(scale: float, numbers: Vector) -> Vector:
     return scale * a, scale * b, scale * c
 
 
-def part_of(solid: Solid) -> Part:
+def part_of(solid: Solid) -> ConvexPart:
     """A solid as a part."""
     radius, around = core_of(solid.kind, solid.numbers)
-    return Part(solid, np.zeros((0, 3)), radius, np.array(solid.position), around + radius)
+    return ConvexPart(solid, np.zeros((0, 3)), radius, np.array(solid.position), around + radius)
 
 
-def _hull(vertices: Floats, scale: float) -> Part:
+def _hull(vertices: Floats, scale: float) -> ConvexPart:
     from scipy.spatial import ConvexHull
 
     corners = vertices[ConvexHull(vertices).vertices]
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     corners = middle + scale * (corners - middle)
-    return Part(None, corners, 0.0, middle, float(np.linalg.norm(corners - middle, axis=1).max()))
+    return ConvexPart(None, corners, 0.0, middle, float(np.linalg.norm(corners - middle, axis=1).max()))
 
 
 def distances(
@@ -137,13 +137,13 @@ def _distances(one: Shape, a: Floats, other: Shape, b: Floats, scale: float) -> 
     return found
 
 
-def _apart(p: Part, q: Part, turn: Floats, shift: Floats) -> Floats:
+def _apart(p: ConvexPart, q: ConvexPart, turn: Floats, shift: Floats) -> Floats:
     """(n,) of the spheres around two parts, which may be negative."""
     between = turn @ q.middle + shift - p.middle
     return np.asarray(np.linalg.norm(between, axis=1) - p.reach - q.reach)
 
 
-def _of_cores(p: Part, q: Part, turn: Floats, shift: Floats) -> Floats:
+def _of_cores(p: ConvexPart, q: ConvexPart, turn: Floats, shift: Floats) -> Floats:
     """(n,) distances of the cores of two parts, the second turned and shifted."""
     found = np.zeros(len(turn))
     way = turn @ q.middle + shift - p.middle
@@ -173,7 +173,7 @@ def _of_cores(p: Part, q: Part, turn: Floats, shift: Floats) -> Floats:
     return found
 
 
-def _difference(p: Part, q: Part, turn: Floats, shift: Floats, way: Floats) -> Floats:
+def _difference(p: ConvexPart, q: ConvexPart, turn: Floats, shift: Floats, way: Floats) -> Floats:
     """(n, 3) points of the difference of two cores, second less first, farthest against directions (n, 3)."""
     theirs = q.farthest(-np.einsum("nij,ni->nj", turn, way))
     return np.asarray(np.einsum("nij,nj->ni", turn, theirs) + shift - p.farthest(way))

@@ -1,6 +1,7 @@
 """Kinematic constraints: bodies with prescribed motion and nodes fixed to bodies, with their scalar loops.
 
-Bodies that a guide moves and points that are fixed to bodies have entries in x, v and force as all others,
+Bodies whose motion is prescribed and points that are fixed to bodies have entries in x, v and force as all
+others,
 but no equations of motion: what they are is put into x and v before the forces are summed (`place`), and what
 pulls at them goes on to what carries them afterwards (`add`). `exunet.bodies.kinematics` states the same on
 whole arrays; the tests hold the two against each other. The text of these functions is copied into a scene's
@@ -20,23 +21,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
-from exunet.bodies.port import Guide, Piece
+from exunet.bodies.port import Piece, PrescribedMotion
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.loops import Index, in_body_axes, in_scene_axes
 from exunet.forces.on_bodies import Held, held_by, mass_matrix
-from exunet.forces.terms import Constraint, KernelCall, Memories, unchanged
+from exunet.forces.terms import Constraint, DiscreteStates, KernelCall, unchanged
 
 Indexes = NDArray[Index]
 
 
-class Guided(NamedTuple):
-    """Bodies that guides move, as in `exunet.bodies.port.Guide`; all pieces of all bodies in one list.
+class Prescribed(NamedTuple):
+    """Bodies whose motion is prescribed, as in `exunet.bodies.port.PrescribedMotion`; all pieces of all bodies in one list.
 
     first    : (n + 1,) where the pieces of each body begin in the list
     time, position, attitude, turning : (m,), (m, 4, 3), (m, 4), (m, 4, 3) of the pieces
-    offset   : (n, 3) of the centre of mass from the guided point [m]
+    offset   : (n, 3) of the centre of mass from the prescribed point [m]
     centre, quaternion, spin, rate : (n,) where their entries begin, see `exunet.forces.blocks`: rate that of
                the impulse [N s], the angular impulse about the origin [N m s] and the work [J] that they give
     """
@@ -88,10 +89,10 @@ class HeldMasses(NamedTuple):
     inverse: Floats
 
 
-class OnGuided(NamedTuple):
-    """Masses that bodies which guides move hold for a while.
+class OnPrescribed(NamedTuple):
+    """Masses that bodies which prescribed motions move hold for a while.
 
-    first, time, position, turning, offset, centre, quaternion, spin : of these bodies, as in `Guided`
+    first, time, position, turning, offset, centre, quaternion, spin : of these bodies, as in `Prescribed`
     mass   : (n,) of what each holds [kg]
     moment : (n, 3) sum of m p over it, p from the centre of mass in principal axes [kg m]
     second : (n, 3, 3) sum of m p p^T [kg m2]
@@ -110,23 +111,23 @@ class OnGuided(NamedTuple):
     second: Floats
 
 
-def piece_of_guide(t: float, guided: Any, b: int) -> Any:
-    """The number of the piece of a body's guide at time t [s], and the time since its beginning [s]."""
-    piece = guided.first[b]
-    while piece + 1 < guided.first[b + 1] and t >= guided.time[piece + 1]:
+def piece_of_motion(t: float, prescribed: Any, b: int) -> Any:
+    """The number of the piece of a body's prescribed motion at time t [s], and the time since its beginning [s]."""
+    piece = prescribed.first[b]
+    while piece + 1 < prescribed.first[b + 1] and t >= prescribed.time[piece + 1]:
         piece += 1
-    return piece, t - guided.time[piece]
+    return piece, t - prescribed.time[piece]
 
 
-def place_guided(t: float, x: Any, v: Any, guided: Any) -> None:
-    """Put the poses at time t [s], and their rates, of the guided bodies into x and v."""
+def place_prescribed(t: float, x: Any, v: Any, prescribed: Any) -> None:
+    """Put the poses at time t [s], and their rates, of the prescribed bodies into x and v."""
     angle = np.empty(3)
     rate = np.empty(3)
-    for b in range(guided.centre.size):
-        piece, s = piece_of_guide(t, guided, b)
+    for b in range(prescribed.centre.size):
+        piece, s = piece_of_motion(t, prescribed, b)
         square = 0.0
         for axis in range(3):
-            c = guided.turning[piece, :, axis]
+            c = prescribed.turning[piece, :, axis]
             angle[axis] = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
             rate[axis] = (3.0 * c[0] * s + 2.0 * c[1]) * s + c[2]
             square += angle[axis] * angle[axis]
@@ -140,8 +141,8 @@ def place_guided(t: float, x: Any, v: Any, guided: Any) -> None:
             ratio = math.sin(half) / size
             of_first = 2.0 * ratio * ratio
             of_second = (size - math.sin(size)) / (square * size)
-        q = guided.quaternion[b]
-        w, i, j, k = guided.attitude[piece]
+        q = prescribed.quaternion[b]
+        w, i, j, k = prescribed.attitude[piece]
         real = math.cos(half)
         d, e, f = ratio * angle[0], ratio * angle[1], ratio * angle[2]
         x[q] = w * real - i * d - j * e - k * f
@@ -151,17 +152,17 @@ def place_guided(t: float, x: Any, v: Any, guided: Any) -> None:
         d = angle[1] * rate[2] - angle[2] * rate[1]
         e = angle[2] * rate[0] - angle[0] * rate[2]
         f = angle[0] * rate[1] - angle[1] * rate[0]
-        n = guided.spin[b]
+        n = prescribed.spin[b]
         v[n] = rate[0] - of_first * d + of_second * (angle[1] * f - angle[2] * e)
         v[n + 1] = rate[1] - of_first * e + of_second * (angle[2] * d - angle[0] * f)
         v[n + 2] = rate[2] - of_first * f + of_second * (angle[0] * e - angle[1] * d)
-        n = guided.centre[b]
+        n = prescribed.centre[b]
         for axis in range(3):
-            c = guided.position[piece, :, axis]
+            c = prescribed.position[piece, :, axis]
             x[n + axis] = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
             v[n + axis] = (3.0 * c[0] * s + 2.0 * c[1]) * s + c[2]
-        o = guided.offset[b]
-        add_arm(x, v, n, n, q, guided.spin[b], (o[0], o[1], o[2]))
+        o = prescribed.offset[b]
+        add_arm(x, v, n, n, q, prescribed.spin[b], (o[0], o[1], o[2]))
 
 
 def add_arm(x: Any, v: Any, to: int, base: int, q: int, n: int, arm: Any) -> None:
@@ -284,7 +285,7 @@ def add_swing(turns: Any, i: float, j: float, k: float, arm: Any, out: Any) -> N
 
 
 def bear_held(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
-    """Take from force and torque on a guided body what the masses that it holds need to move with it.
+    """Take from force and torque on a prescribed body what the masses that it holds need to move with it.
 
     In principal axes, with a acceleration of the centre of mass, u angular acceleration, P = sum of m p p^T:
 
@@ -296,7 +297,7 @@ def bear_held(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
     for b in range(held.centre.size):
         base, q, n = held.centre[b], held.quaternion[b], held.spin[b]
         i, j, k, mass = v[n], v[n + 1], v[n + 2], held.mass[b]
-        piece, s = piece_of_guide(t, held, b)
+        piece, s = piece_of_motion(t, held, b)
         for axis in range(3):
             c = held.turning[piece, :, axis]
             angle[axis] = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
@@ -326,12 +327,12 @@ def bear_held(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
         force[n + 2] -= first[0] * a[1] - first[1] * a[0] - (i * own[1] - j * own[0])
 
 
-def give_to_others(t: float, x: Any, v: Any, guided: Any, force: Any) -> None:
-    """The rates of what guided bodies give: impulse, angular impulse about the origin, work."""
-    for b in range(guided.centre.size):
-        n, k, to = guided.centre[b], guided.spin[b], guided.rate[b]
+def give_to_others(t: float, x: Any, v: Any, prescribed: Any, force: Any) -> None:
+    """The rates of what prescribed bodies give: impulse, angular impulse about the origin, work."""
+    for b in range(prescribed.centre.size):
+        n, k, to = prescribed.centre[b], prescribed.spin[b], prescribed.rate[b]
         d, e, f = force[n], force[n + 1], force[n + 2]
-        i, j, m = in_scene_axes(x, guided.quaternion[b], force[k], force[k + 1], force[k + 2])
+        i, j, m = in_scene_axes(x, prescribed.quaternion[b], force[k], force[k + 1], force[k + 2])
         force[to] -= d
         force[to + 1] -= e
         force[to + 2] -= f
@@ -342,17 +343,17 @@ def give_to_others(t: float, x: Any, v: Any, guided: Any, force: Any) -> None:
         force[to + 6] -= power + force[k] * v[k] + force[k + 1] * v[k + 1] + force[k + 2] * v[k + 2]
 
 
-# What a guided body gives to all else, as first-order states of the system: name, size, units.
+# What a prescribed body gives to all else, as first-order states of the system: name, size, units.
 GIVEN = (("impulse", 3, "N s"), ("angular_impulse", 3, "N m s"), ("work", 1, "J"))
 
 
 def first_given(name: str) -> str:
-    """The first of the states that keep what the guided body of this name gives."""
+    """The first of the states that keep what the prescribed body of this name gives."""
     return f"{name}/{GIVEN[0][0]}"
 
 
 def given_states(name: str, already: Sequence[float] = (0.0,) * 7) -> tuple[FirstOrder, ...]:
-    """The states that keep what the guided body of this name gives; `already` at time 0."""
+    """The states that keep what the prescribed body of this name gives; `already` at time 0."""
     left = iter(already)
     return tuple(
         FirstOrder(f"{name}/{quantity}", tuple(islice(left, size)), units, gives=float(quantity == "work"))
@@ -373,9 +374,9 @@ class Kinematics:
     """The constraints of a system.
 
     n_free : number of free bodies, which come before the others
-    guides : of the bodies that guides move, in their order
-    ports  : numbers of those among them whose guide a host gives piece by piece as the run goes; what is here
-             is their motion at the start
+    prescribed motions : of the bodies whose motion is prescribed, in their order
+    ports  : numbers of those among them whose prescribed motion a host gives piece by piece as the run goes;
+             what is here is their motion at the start
     point  : (n,) points that are fixed to bodies
     body   : (n,) the number of the body of each
     arm    : (n, 3) of each from the centre of mass, in principal axes [m]
@@ -383,7 +384,7 @@ class Kinematics:
     """
 
     n_free: int = 0
-    guides: tuple[Guide, ...] = ()
+    motions: tuple[PrescribedMotion, ...] = ()
     ports: tuple[int, ...] = ()
     point: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     body: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -391,7 +392,7 @@ class Kinematics:
     held: tuple[Held, ...] = ()
 
     def __bool__(self) -> bool:
-        return bool(self.guides or self.held) or len(self.point) > 0
+        return bool(self.motions or self.held) or len(self.point) > 0
 
     @cached_property
     def ties(self) -> dict[str, Held]:
@@ -411,37 +412,38 @@ class Kinematics:
 
     @cached_property
     def knots(self) -> tuple[float, ...]:
-        """Instants [s] at which guides go from one piece to the next, where their motion is less smooth."""
-        within = (guide.time[1:].tolist() for guide in self.guides)
+        """Instants [s] at which prescribed motions go from one piece to the next, where their motion is less smooth."""
+        within = (motion.time[1:].tolist() for motion in self.motions)
         return tuple(sorted({time for times in within for time in times}))
 
-    def on_bodies(self, memory: Memories) -> OnBodies:
-        """The points that are fixed to bodies at these memories, held ones last."""
+    def on_bodies(self, discrete: DiscreteStates) -> OnBodies:
+        """The points that are fixed to bodies at these discrete states, held ones last."""
         fixed = OnBodies(self.point, self.body, self.arm)
         if not self.held:
             return fixed
         parts = [fixed]
         for item in self.held:
-            n = item.number(memory)
+            n = item.number(discrete)
             parts.append(OnBodies(item.points[:n], np.full(n, item.body), item.arm[:n]))
         return OnBodies(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
-    def holds(self, memory: Memories) -> Ints:
-        """The points that bodies hold for a while, at these memories."""
-        every = [item.points[: item.number(memory)] for item in self.held]
+    def holds(self, discrete: DiscreteStates) -> Ints:
+        """The points that bodies hold for a while, at these discrete states."""
+        every = [item.points[: item.number(discrete)] for item in self.held]
         return np.concatenate(every) if every else np.zeros(0, dtype=np.int64)
 
     def completed(
-        self, time: Floats, position: Floats, velocity: Floats, bodies: RigidStates, memory: Memories
+        self, time: Floats, position: Floats, velocity: Floats, bodies: RigidStates, discrete: DiscreteStates
     ) -> tuple[Floats, Floats, RigidStates]:
         """States at times (...) [s] with what has no equations of motion put in; copies.
 
-        position, velocity : (..., n_points, 3); bodies : the free ones, or all; memory : of all the states
+        position, velocity : (..., n_points, 3); bodies : the free ones, or all; discrete state : of all the
+                             states
         """
         if not self:
             return position, velocity, bodies
         bodies = self.all_bodies(time, bodies)
-        point, body, arm = self.on_bodies(memory)
+        point, body, arm = self.on_bodies(discrete)
         if len(point):
             turn = rotation_matrix(bodies.attitude[..., body, :])
             spin = bodies.angular_velocity[..., body, :]
@@ -454,12 +456,12 @@ class Kinematics:
 
     def all_bodies(self, time: Floats, bodies: RigidStates) -> RigidStates:
         """States at times (...) [s] of all bodies, by those of the free ones and of ports, or of all."""
-        if not self.guides:
+        if not self.motions:
             return bodies
-        moved = [guide.at(time.reshape(-1)).parts() for guide in self.guides]
+        moved = [motion.at(time.reshape(-1)).parts() for motion in self.motions]
         whole = []
-        for own, guided in zip(bodies.parts(), zip(*moved, strict=True), strict=True):
-            rows = [values.reshape(*time.shape, 1, -1) for values in guided]
+        for own, prescribed in zip(bodies.parts(), zip(*moved, strict=True), strict=True):
+            rows = [values.reshape(*time.shape, 1, -1) for values in prescribed]
             for number in self.ports:
                 rows[number - self.n_free] = own[..., number : number + 1, :]
             whole.append(np.concatenate([own[..., : self.n_free, :], *rows], axis=-2))
@@ -470,9 +472,9 @@ class Kinematics:
         if not self:
             return None
         calls: list[KernelCall] = []
-        data: list[Callable[[Memories], tuple[Any, ...]]] = []
+        data: list[Callable[[DiscreteStates], tuple[Any, ...]]] = []
 
-        def add(call: KernelCall, of: Callable[[Memories], tuple[Any, ...]]) -> None:
+        def add(call: KernelCall, of: Callable[[DiscreteStates], tuple[Any, ...]]) -> None:
             calls.append(call)
             data.append(of)
 
@@ -484,30 +486,30 @@ class Kinematics:
         if any(item.body < self.n_free for item in self.held):
             masses = partial(_held_masses, self, blocks)
             add(KernelCall(share_with_held, masses({}), helpers=turns), masses)
-        if self.guides:
-            guided, own = _guided(self, blocks), (in_scene_axes, add_arm, piece_of_guide)
+        if self.motions:
+            prescribed, own = _prescribed(self, blocks), (in_scene_axes, add_arm, piece_of_motion)
             if any(entry.body in _moving(self) for entry in self.held):
-                borne, turned = partial(_on_guided, self, blocks), (*turns, *_OF_GUIDES)
+                borne, turned = partial(_on_prescribed, self, blocks), (*turns, *_OF_PRESCRIBED)
                 add(KernelCall(bear_held, borne({}), helpers=turned), borne)
-            call = KernelCall(give_to_others, guided, place=place_guided, helpers=own)
-            add(call, partial(unchanged, guided))
+            call = KernelCall(give_to_others, prescribed, place=place_prescribed, helpers=own)
+            add(call, partial(unchanged, prescribed))
         owners = [*self.body.tolist(), *(element.body for element in self.held)]
         pulled = {blocks.rigid[k] for k in owners if k < self.n_free}
         return Constraint(tuple(calls), tuple(data), tuple(sorted(pulled)))
 
 
-def _attached(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> Attached:
-    point, body, arm = kinematics.on_bodies(memory)
+def _attached(kinematics: Kinematics, blocks: Blocks, discrete: DiscreteStates) -> Attached:
+    point, body, arm = kinematics.on_bodies(discrete)
     centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in body.tolist()])
     return Attached((3 * point).astype(Index), centre, quaternion, spin, arm)
 
 
-def _held_masses(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> HeldMasses:
+def _held_masses(kinematics: Kinematics, blocks: Blocks, discrete: DiscreteStates) -> HeldMasses:
     """Build the mass data of the free bodies that may hold points."""
     numbers = sorted({item.body for item in kinematics.held if item.body < kinematics.n_free})
     first, second, inverse = [], [], []
     for number in numbers:
-        mass, arm = held_by(kinematics.held, number, memory)
+        mass, arm = held_by(kinematics.held, number, discrete)
         first.append(mass @ arm)
         second.append((mass[:, None] * arm).T @ arm)
         own = blocks.inertia.mass[number], blocks.inertia.moments[number]
@@ -525,27 +527,27 @@ def _held_masses(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> He
     )
 
 
-_OF_GUIDES = (piece_of_guide, angular_acceleration, add_swing)
+_OF_PRESCRIBED = (piece_of_motion, angular_acceleration, add_swing)
 
 
-def _moving(kinematics: Kinematics) -> dict[int, Guide]:
-    """The bodies that guides move, by number, but for those that rest."""
-    guides = enumerate(kinematics.guides, kinematics.n_free)
-    return {number: guide for number, guide in guides if number in kinematics.ports or not guide.rests}
+def _moving(kinematics: Kinematics) -> dict[int, PrescribedMotion]:
+    """The bodies whose motion is prescribed, by number, but for those that rest."""
+    motions = enumerate(kinematics.motions, kinematics.n_free)
+    return {number: motion for number, motion in motions if number in kinematics.ports or not motion.rests}
 
 
-def _on_guided(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> OnGuided:
-    """Build the data of the guided bodies in motion that may hold points."""
+def _on_prescribed(kinematics: Kinematics, blocks: Blocks, discrete: DiscreteStates) -> OnPrescribed:
+    """Build the data of the prescribed bodies in motion that may hold points."""
     moving = _moving(kinematics)
     numbers = sorted({item.body for item in kinematics.held if item.body in moving})
     masses, first, second = [], [], []
     for number in numbers:
-        mass, arm = held_by(kinematics.held, number, memory)
+        mass, arm = held_by(kinematics.held, number, discrete)
         masses.append(mass.sum())
         first.append(mass @ arm)
         second.append((mass[:, None] * arm).T @ arm)
     centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in numbers])
-    return OnGuided(
+    return OnPrescribed(
         **_pieces([moving[number] for number in numbers]),
         centre=centre,
         quaternion=quaternion,
@@ -556,23 +558,23 @@ def _on_guided(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> OnGu
     )
 
 
-def _pieces(guides: Sequence[Guide]) -> dict[str, Any]:
-    """Concatenate the pieces of guides, by the field names that `Guided` and `OnGuided` share."""
+def _pieces(motions: Sequence[PrescribedMotion]) -> dict[str, Any]:
+    """Concatenate the pieces of prescribed motions, by the field names that `Prescribed` and `OnPrescribed` share."""
     return {
-        "first": np.cumsum([0, *(len(guide.time) for guide in guides)]),
-        "time": np.concatenate([guide.time for guide in guides]),
-        "position": np.concatenate([guide.position for guide in guides]),
-        "turning": np.concatenate([guide.turning for guide in guides]),
-        "offset": np.stack([guide.offset for guide in guides]),
+        "first": np.cumsum([0, *(len(motion.time) for motion in motions)]),
+        "time": np.concatenate([motion.time for motion in motions]),
+        "position": np.concatenate([motion.position for motion in motions]),
+        "turning": np.concatenate([motion.turning for motion in motions]),
+        "offset": np.stack([motion.offset for motion in motions]),
     }
 
 
-def _guided(kinematics: Kinematics, blocks: Blocks) -> Guided:
-    guides, names = kinematics.guides, blocks.rigid[kinematics.n_free :]
+def _prescribed(kinematics: Kinematics, blocks: Blocks) -> Prescribed:
+    motions, names = kinematics.motions, blocks.rigid[kinematics.n_free :]
     centre, quaternion, spin = _entries(blocks, names)
-    return Guided(
-        **_pieces(guides),
-        attitude=np.concatenate([guide.attitude for guide in guides]),
+    return Prescribed(
+        **_pieces(motions),
+        attitude=np.concatenate([motion.attitude for motion in motions]),
         centre=centre,
         quaternion=quaternion,
         spin=spin,
@@ -582,9 +584,11 @@ def _guided(kinematics: Kinematics, blocks: Blocks) -> Guided:
 
 def sites_of(data: Iterable[Any], centre: int) -> tuple[tuple[Any, int], ...]:
     """Where a kernel's data have the piece of a port whose centre begins at `centre`: parts, and rows."""
-    guided = [part for part in data if isinstance(part, Guided | OnGuided)]
+    prescribed = [part for part in data if isinstance(part, Prescribed | OnPrescribed)]
     return tuple(
-        (part, int(part.first[b])) for part in guided for b in np.flatnonzero(part.centre == centre).tolist()
+        (part, int(part.first[b]))
+        for part in prescribed
+        for b in np.flatnonzero(part.centre == centre).tolist()
     )
 
 
@@ -592,7 +596,7 @@ def steer(sites: Iterable[tuple[Any, int]], piece: Piece) -> None:
     """Let a port go along a piece: in place, in the data of a kernel."""
     for part, row in sites:
         part.time[row], part.position[row], part.turning[row] = piece.time, piece.position, piece.turning
-        if isinstance(part, Guided):
+        if isinstance(part, Prescribed):
             part.attitude[row] = piece.attitude
 
 

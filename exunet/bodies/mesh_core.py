@@ -6,7 +6,7 @@ outside follows from the normal of the face, edge or corner that is nearest, the
 triangles there are weighted by their angles: Baerentzen, Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005)
 243, doi 10.1109/TVCG.2005.49. normals (m, 7, 3): of the face, of the edges from its corners, of its corners.
 
-Beside convex parts of the core its planes give the distance, and elsewhere grid points (`Samples`).
+Beside convex parts of the core its planes give the distance, and elsewhere grid points (`SampledDistance`).
 
 The core is all that is inside the mesh by the edge radius or more; what is touched are the points no farther
 from it than that. So plane faces stay where they are, and outer edges are rounded inside the mesh, like those
@@ -33,7 +33,7 @@ from exunet.bodies.distance import normals_of, tree_of
 from exunet.bodies.shapes import Shape, TriangleMesh
 from exunet.bodies.touched import SampledCore
 from exunet.forces.contact.signed_distance import CONVEX, convex_distance, sampled_distance
-from exunet.forces.cores import BLOCK, BRICK, PLANES, STENCIL, Samples
+from exunet.forces.cores import BLOCK, BRICK, PLANES, STENCIL, SampledDistance
 from exunet.kernels.compile import compiled_module, interpreted_module, numba_installed
 from exunet.kernels.source import loops_source
 
@@ -450,7 +450,7 @@ def _core(content: _Content, rounding: float, cell: float, reach: float) -> Samp
     points[pointed] = np.arange(len(pointed))
     bricks = np.full(depth.size, -1)
     bricks[filled] = np.arange(len(at))
-    samples = Samples(
+    samples = SampledDistance(
         corner, cell, BRICK * BLOCK * np.array(number, dtype=float), room, blocks, far,
         bricks.reshape(-1, BLOCK**3).astype(np.int32), depth.reshape(-1, BLOCK**3).astype(np.float32),
         convex.astype(np.int32), points.astype(np.int32), weight, sets, (sets >= 0).sum(axis=1), inwards,
@@ -475,7 +475,8 @@ def _bricks(
 ) -> tuple[Ints, Floats, Ints, Floats]:
     """Find the blocks that the range of contact may meet, and the depths of their bricks.
 
-    blocks, far, depth : as in `Samples`, depth of all bricks of the blocks (n,), which are at places (n, 3)
+    blocks, far, depth : as in `SampledDistance`, depth of all bricks of the blocks (n,), which are at places
+                         (n, 3)
     """
     size = cell * BRICK * BLOCK
     every = np.moveaxis(np.indices(number), 0, -1).reshape(-1, 3)
@@ -514,7 +515,7 @@ def _planes(mesh: TriangleMesh) -> tuple[Ints, Floats]:
 
 
 def _weights(places: Ints, convex: NDArray[np.bool_]) -> NDArray[np.int8]:
-    """Compute `Samples.weight` of bricks at places (n, 3): 0 at corners of a brick without planes."""
+    """Compute `SampledDistance.weight` of bricks at places (n, 3): 0 at corners of a brick without planes."""
     corners = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3)
     size = places.max(axis=0, initial=0) + 2
     every = np.ravel_multi_index(tuple(np.moveaxis(places[:, None] + corners, -1, 0)), tuple(size))
@@ -663,7 +664,7 @@ def _nearest_to_planes(corners: Ints, places: Floats, middles: Floats, half: flo
 
 
 def _validate_thickness(
-    mesh: TriangleMesh, samples: Samples, outer: _Outer, inner: _Outer | None, rounding: float
+    mesh: TriangleMesh, samples: SampledDistance, outer: _Outer, inner: _Outer | None, rounding: float
 ) -> tuple[Floats, Floats]:
     """Raise _Refused for parts thinner than twice the edge radius, which the core does not contain.
 
@@ -743,7 +744,7 @@ def _bends(values: Floats, cell: float, reach: float) -> float:
     return found if found * reach > 0.1 else 0.0
 
 
-def _error(samples: Samples, inner: _Outer, places: Ints, reach: float) -> float:
+def _error(samples: SampledDistance, inner: _Outer, places: Ints, reach: float) -> float:
     """Compute the largest error of the distance from grid points in the range of contact [m].
 
     places : (n, 3) of the bricks that have some

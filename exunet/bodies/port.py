@@ -9,9 +9,9 @@ the attitude along the rotation vector phi, also a cubic, with the attitudes and
 phi = 0 and phi' = w0 at the beginning; at the end phi = log(q0^-1 q1) and phi' = J(phi)^-1 w1, J as in
 `exunet.bodies.port`. So place, attitude and their rates have no jumps whatever the host says.
 
-In the piece that begins at t_i the guided point is at c0 s^3 + c1 s^2 + c2 s + c3, s = t - t_i; the attitude
-is that of t_i turned by the rotation vector phi(s), also a cubic, about axes of the body. Its angular
-velocity, in axes of the body, is J(phi) phi' with
+In the piece that begins at t_i the prescribed point is at c0 s^3 + c1 s^2 + c2 s + c3, s = t - t_i; the
+attitude is that of t_i turned by the rotation vector phi(s), also a cubic, about axes of the body. Its
+angular velocity, in axes of the body, is J(phi) phi' with
 
     J(phi) u = u - (1 - cos a) / a^2 phi x u + (a - sin a) / a^3 phi x (phi x u),  a = |phi|,
 
@@ -38,14 +38,14 @@ from exunet.bodies.rotations import product, rotation_matrix
 
 
 @dataclass(frozen=True, eq=False)
-class Guide:
+class PrescribedMotion:
     """The poses of a body over time, in its principal axes.
 
     time     : (n,) where the pieces begin [s]; the last one has no end
-    position : (n, 4, 3) coefficients c0 ... c3 of the place of the guided point [m/s3 ... m]
+    position : (n, 4, 3) coefficients c0 ... c3 of the place of the prescribed point [m/s3 ... m]
     attitude : (n, 4) unit quaternions (w, x, y, z) where the pieces begin
     turning  : (n, 4, 3) coefficients of the rotation vector phi, in the body's axes
-    offset   : (3,) of the centre of mass from the guided point, in the body's axes [m]
+    offset   : (3,) of the centre of mass from the prescribed point, in the body's axes [m]
     """
 
     time: Floats
@@ -55,7 +55,7 @@ class Guide:
     offset: Floats
 
     @classmethod
-    def steady(cls, place: Floats, velocity: Floats, attitude: Floats, spin: Floats) -> Guide:
+    def steady(cls, place: Floats, velocity: Floats, attitude: Floats, spin: Floats) -> PrescribedMotion:
         """The centre of mass moves at a constant velocity, the body turns at a constant one in its axes.
 
         place, velocity : (3,) at time 0 [m], [m/s]; attitude (4,); spin (3,) [rad/s]
@@ -66,11 +66,11 @@ class Guide:
         return cls(np.zeros(1), position, attitude[None], turning, np.zeros(3))
 
     @classmethod
-    def through(cls, time: Floats, place: Floats, attitude: Floats, offset: Floats) -> Guide:
+    def through(cls, time: Floats, place: Floats, attitude: Floats, offset: Floats) -> PrescribedMotion:
         """Smoothly through poses: splines whose velocities and accelerations have no jumps.
 
-        time (n,) [s], increasing, n >= 2; place (n, 3) of the guided point [m]; attitude (n, 4), the shorter
-        way between neighbours is taken; offset : as above. At both ends the accelerations are zero.
+        time (n,) [s], increasing, n >= 2; place (n, 3) of the prescribed point [m]; attitude (n, 4), the
+        shorter way between neighbours is taken; offset : as above. At both ends the accelerations are zero.
         """
         line = scipy.interpolate.CubicSpline(time, place, bc_type="natural")
         turns = scipy.spatial.transform.Rotation.from_quat(attitude, scalar_first=True)
@@ -501,7 +501,7 @@ def rows_of(frames: Iterable[FrameState | PrincipalState]) -> Floats:
 
 
 class Piece(NamedTuple):
-    """How a body moves from an instant on, as one piece of an `exunet.bodies.port.Guide`.
+    """How a body moves from an instant on, as one piece of an `exunet.bodies.port.PrescribedMotion`.
 
     time     : where it begins [s]
     position : (4, 3) coefficients c0 ... c3 of the place of the centre of mass [m/s3 ... m]

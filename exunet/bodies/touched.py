@@ -23,7 +23,7 @@ from exunet.forces.cores import (
     SAMPLED,
     SPHERE,
     Cores,
-    Samples,
+    SampledDistance,
     Surface,
     no_samples,
 )
@@ -79,7 +79,7 @@ class SampledCore:
     error   : largest difference of the distance from that of the core, of those that were looked at [m]
     """
 
-    samples: Samples
+    samples: SampledDistance
     least: float
     bends: float
     error: float

@@ -16,7 +16,7 @@ from exunet.scene.casefile import Case
 from exunet.scene.scene import SHORTEST
 from exunet.studies.cost.report import Rows, rows_of, tables, wall, write_csv
 from exunet.studies.cost.settings import is_capture
-from exunet.studies.cost.study import Study, run_studies, studies_of
+from exunet.studies.cost.study import CostStudy, run_studies, studies_of
 
 INTERRUPTED = 130
 BUDGET, BUDGET_OF_CAPTURE = 120.0, 300.0  # [s], unless another is given
@@ -77,7 +77,7 @@ def cost(
     return 0 if complete else INTERRUPTED
 
 
-def _write(title: str, parts: list[Study], rows: Rows, notes: tuple[str, ...], folder: Path) -> None:
+def _write(title: str, parts: list[CostStudy], rows: Rows, notes: tuple[str, ...], folder: Path) -> None:
     """Write the files of a study and print its tables."""
     shown = [table for table in tables(parts) if table[1]]
     write_csv(parts, folder / TABLE)

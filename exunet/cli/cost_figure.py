@@ -14,7 +14,7 @@ from exunet.plots.style import BLACK, BLUE, GREY, INCH, RED, SMALL, YELLOW, blan
 from exunet.results.metrics import Metric
 from exunet.studies.cost.report import BACKENDS, brief, in_order, named, varying
 from exunet.studies.cost.settings import ACCURATE, INTEGRATION, Setting
-from exunet.studies.cost.study import LEVELS, Row, Study
+from exunet.studies.cost.study import LEVELS, CostStudy, Row
 
 _FLOOR = 1e-13  # errors below are drawn here
 _COLOURS = {Backend.COMPILED: BLUE, Backend.EXUDYN: RED, None: YELLOW}
@@ -23,7 +23,7 @@ _WIDTH, _HEIGHT = 170.0, 95.0  # mm
 _SPAN = 4.0  # least ratio of the ends of an axis of wall times
 
 
-def figure_of(parts: list[Study]) -> Figure | None:
+def figure_of(parts: list[CostStudy]) -> Figure | None:
     """Draw errors against wall time, and beside it at most two metrics; None without runs."""
     errors = next((part for part in parts if part.by_trajectory and part.front), None)
     metrics = [(part, quantity) for part in parts if part.finest for quantity in varying(part)[:2]]
@@ -62,7 +62,7 @@ def _style(setting: Setting, marks: dict[str, str]) -> dict[str, Any]:
     return {"color": color, "marker": marker, "markersize": 3.5, "label": label}
 
 
-def _error_panel(axes: Axes, study: Study, marks: dict[str, str]) -> None:
+def _error_panel(axes: Axes, study: CostStudy, marks: dict[str, str]) -> None:
     """Errors against wall time: a curve a method that is in the table, the front, and accuracies."""
     limits = [max(row.error, _FLOOR) for row in study.rows if row.seconds]
     style: dict[str, Any] = {"color": GREY, "linewidth": 7, "alpha": 0.6, "solid_capstyle": "round"}
@@ -84,7 +84,7 @@ def _points(rows: list[Row]) -> tuple[list[float], list[float]]:
     return [row.wall for row in rows], [max(row.error, _FLOOR) for row in rows]
 
 
-def _metric_panel(axes: Axes, study: Study, quantity: Metric, marks: dict[str, str]) -> None:
+def _metric_panel(axes: Axes, study: CostStudy, quantity: Metric, marks: dict[str, str]) -> None:
     """Medians and ranges of a metric against wall time, with the range of the finest setting."""
     complete = [row for row in in_order(study) if study.complete(row) and quantity.key in row.comparisons]
     for row in complete:  # a single run beyond the horizon is no median

@@ -149,27 +149,27 @@ class Coupler:
         self._validate_unchanged()
         self._net.finish()
         self._host.finish()
-        return self._own.snapshot(self._host.snapshot(), self._memory())
+        return self._own.snapshot(self._host.snapshot(), self._discrete())
 
     def restore(self, snapshot: CoupledSnapshot) -> None:
         """Restore a snapshot of net and host of the same cases, coupled with the same arguments, bitwise.
 
         Raises InputError for another coupling, net or host; net and coupling are then unchanged.
         """
-        own = self._memory()
+        own = self._discrete()
 
         def restore_host(host: Any) -> None:
-            if not np.array_equal(snapshot.memory["arguments"], own["arguments"]):
+            if not np.array_equal(snapshot.discrete["arguments"], own["arguments"]):
                 raise InputError(
                     f"Coupler: restore: the snapshot of t = {snapshot.time:g} s is of a coupling with "
-                    f"{_words(snapshot.memory['arguments'])}; this one has {_words(own['arguments'])}"
+                    f"{_words(snapshot.discrete['arguments'])}; this one has {_words(own['arguments'])}"
                 )
             self._host.restore(host)
 
         self._own.restore(snapshot, own, restore_host)
         self._frames = self._host_frames()
 
-    def _memory(self) -> dict[str, Floats]:
+    def _discrete(self) -> dict[str, Floats]:
         return {"arguments": np.array([self._step, self._iterations, self._agreement])}
 
     def _stops(self, end: float) -> list[float]:

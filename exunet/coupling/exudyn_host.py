@@ -315,8 +315,8 @@ def _validate_effects(start: Start) -> None:
     """Raise InputError for effects without items of the engine."""
     system, words = start.system, []
     forces, kinematics = system.forces, system.kinematics
-    guided = range(kinematics.n_free, len(system.bodies))
-    moved = [system.blocks.rigid[k] for k in guided if k not in kinematics.ports]
+    prescribed = range(kinematics.n_free, len(system.bodies))
+    moved = [system.blocks.rigid[k] for k in prescribed if k not in kinematics.ports]
     if moved:
         words.append(f"bodies that are fixed or prescribed ({', '.join(moved)})")
     if forces.switches or kinematics.held:

@@ -159,7 +159,7 @@ def plan_motion(step: float, target: Any, position: Any, attitude: Any, turning:
 
     target : (n, 13) states of the frames at the end
     position, attitude, turning : (n, 4, 3), (n, 4), (n, 4, 3) output: pieces of an
-                                  `exunet.bodies.port.Guide`
+                                  `exunet.bodies.port.PrescribedMotion`
     held   : from `hold`, of `PortArrays`
     Returns `max_rotation`.
     """
@@ -568,8 +568,8 @@ class NetSystem:
     def _states(self) -> States:
         """Return the present state with the nodes that ports carry."""
         system, seen = self._sim.start.system, self._sim.view
-        moving = seen.moving.completed(system.kinematics, seen.time, seen.memory)
-        return States.of(system, State.of(seen.time, moving, seen.memory))
+        moving = seen.moving.completed(system.kinematics, seen.time, seen.discrete)
+        return States.of(system, State.of(seen.time, moving, seen.discrete))
 
     def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
         """Advance to a time [s] while each port moves to its state of `frames` at that time.
@@ -701,8 +701,8 @@ class NetSystem:
 
 def _ejections(system: System) -> tuple[float, ...]:
     constraint, ports = system.forces.constraint, system.kinematics.ports
-    if constraint is None or constraint.switch is None or constraint.memory is None:
+    if constraint is None or constraint.switch is None or constraint.discrete is None:
         return ()
-    name = constraint.memory.name
-    held = [item for item in system.kinematics.held if item.memory == name and item.body in ports]
+    name = constraint.discrete.name
+    held = [item for item in system.kinematics.held if item.discrete == name and item.body in ports]
     return constraint.switch.times if held else ()

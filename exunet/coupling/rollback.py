@@ -205,7 +205,7 @@ def _vector(values: Floats) -> str:
 
 KIND, FORMAT = "exunet coupling snapshot", 1
 _ROUND_OFF = 1e-12  # of a quaternion
-_MAY_BE_EMPTY = "before"  # array of a memory before the first step
+_MAY_BE_EMPTY = "before"  # array of a discrete state before the first step
 
 
 class Predictor:
@@ -316,13 +316,13 @@ class CoupledSnapshot(ShortRepr):
     ports  : names, in the net's order
     net    : of the net
     host   : of the host; a file requires a `Snapshot`, or arrays by name
-    memory : arrays of the coupling, by name
+    discrete : arrays of the coupling, by name
     """
 
     ports: tuple[str, ...]
     net: Snapshot
     host: Any
-    memory: Mapping[str, Floats]
+    discrete: Mapping[str, Floats]
 
     @property
     def time(self) -> float:
@@ -341,7 +341,7 @@ class CoupledSnapshot(ShortRepr):
                 "an exunet.Snapshot, or NumPy arrays by name"
             )
         header = {"ports": list(self.ports), "host": "exunet" if is_own else "arrays"}
-        arrays = {"net": _as_bytes(self.net), **grouped("host", host), **grouped("memory", self.memory)}
+        arrays = {"net": _as_bytes(self.net), **grouped("host", host), **grouped("discrete", self.discrete)}
         write_arrays(path, KIND, FORMAT, header, arrays)
 
     @classmethod
@@ -352,7 +352,7 @@ class CoupledSnapshot(ShortRepr):
         if header["host"] == "exunet":
             host = Snapshot.of_bytes(host["snapshot"].tobytes())
         net = Snapshot.of_bytes(arrays["net"].tobytes())
-        return cls(tuple(header["ports"]), net, host, group_of("memory", arrays))
+        return cls(tuple(header["ports"]), net, host, group_of("discrete", arrays))
 
 
 def _as_bytes(snapshot: Snapshot) -> NDArray[np.uint8]:
@@ -405,10 +405,10 @@ class CoupledNet:
         self.ledger.record(CountedStep(loads, recoils, *states))
         self.predictor.keep(loads.begin, states[0], recoils=recoils)
 
-    def snapshot(self, host: Any, memory: Mapping[str, Floats]) -> CoupledSnapshot:
+    def snapshot(self, host: Any, discrete: Mapping[str, Floats]) -> CoupledSnapshot:
         """Return a snapshot with one of the host, and with arrays of the coupling."""
         own = {"before": self.predictor.as_array(), "ledger": self.ledger.as_array()}
-        return CoupledSnapshot(self.net.ports, self.net.snapshot(), host, own | dict(memory))
+        return CoupledSnapshot(self.net.ports, self.net.snapshot(), host, own | dict(discrete))
 
     def restore(
         self, given: CoupledSnapshot, like: Mapping[str, Floats], restore_host: Callable[[Any], object]
@@ -428,11 +428,14 @@ class CoupledNet:
                 f"Coupler: restore: the snapshot of t = {given.time:g} s is of a coupling with ports "
                 f"{', '.join(given.ports)}, this is one with {', '.join(net.ports)}"
             )
-        own, memory = {"before": self.predictor.as_array(), "ledger": self.ledger.as_array()}, given.memory
-        if memory.keys() != own.keys() | like.keys() or any(
-            part.shape != memory[name].shape
+        own, discrete = (
+            {"before": self.predictor.as_array(), "ledger": self.ledger.as_array()},
+            given.discrete,
+        )
+        if discrete.keys() != own.keys() | like.keys() or any(
+            part.shape != discrete[name].shape
             for name, part in (own | dict(like)).items()
-            if name != _MAY_BE_EMPTY or (len(part) and len(memory[name]))
+            if name != _MAY_BE_EMPTY or (len(part) and len(discrete[name]))
         ):
             raise InputError(f"Coupler: restore: the snapshot of t = {given.time:g} s is damaged")
         net.finish()
@@ -443,8 +446,8 @@ class CoupledNet:
         except BaseException:
             net.restore(here)
             raise
-        self.predictor = Predictor.of_array(memory["before"])
-        self.ledger.set_array(memory["ledger"])
+        self.predictor = Predictor.of_array(discrete["before"])
+        self.ledger.set_array(discrete["ledger"])
         self.history = StepHistory(net)
         self.leave()
-        return memory
+        return discrete

@@ -49,7 +49,7 @@ from exunet.forces.contact.thread_contact import ThreadContact
 from exunet.forces.effects.contact import Contact
 from exunet.forces.law import STRETCH_BOUND, slope_at
 from exunet.forces.on_bodies import held_by, mass_matrix
-from exunet.forces.reel import memory_name
+from exunet.forces.reel import discrete_name
 from exunet.model.limits import taut_stiffness
 from exunet.model.states import States
 from exunet.model.system import State, System
@@ -132,9 +132,9 @@ def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:
     kinematics, cable = system.kinematics, system.forces.cable
     nodes = kinematics.point[np.isin(kinematics.body, kinematics.ports)]
     chosen = np.asarray(np.isin(system.net.element_nodes, nodes).any(axis=1))
-    carrying = cable.carrying(seen.memory)
+    carrying = cable.carrying(seen.discrete)
     direct = np.flatnonzero(chosen if carrying is None else chosen & (carrying > 0.0))
-    moving = seen.moving.completed(kinematics, seen.time, seen.memory)
+    moving = seen.moving.completed(kinematics, seen.time, seen.discrete)
     i, j = system.net.element_nodes[direct].T
     way, rate = (part[j] - part[i] for part in (moving.position, moving.velocity))
     grows = np.maximum(2.0 * ahead * (way * rate).sum(axis=1), 0.0)
@@ -143,7 +143,7 @@ def steepest_at_ports(net: NetSystem, ahead: float = 0.0) -> float:
         square[cable.law.number[direct] > 0] = 1.0  # slopes beyond that of a just taut thread: in `Ratios`
     most = float(np.max(square, initial=1.0))
     if cable.leaves_some:
-        for element, strain, _ in States.of(system, State.of(seen.time, moving, seen.memory)).elsewhere:
+        for element, strain, _ in States.of(system, State.of(seen.time, moving, seen.discrete)).elsewhere:
             curved = cable.law.number is None or not np.any(cable.law.number[element])
             if curved and np.any(chosen[element]):
                 most = max(most, 1.0 + 2.0 * float(np.max(strain)))
@@ -350,8 +350,10 @@ def _validate_held(net: NetSystem, port: str) -> None:
     system = net.simulation.start.system
     number = system.blocks.rigid.index(port)
     body, nothing = system.bodies[number], (np.zeros(0), np.zeros((0, 3)))
-    most = {memory_name(reel.reel): np.array([reel.reel.most_on_drum]) for reel in system.forces.cable.reels}
-    mass, arm = held_by(system.kinematics.held, number, {**net.simulation.start.state.memory, **most})
+    most = {
+        discrete_name(reel.reel): np.array([reel.reel.most_on_drum]) for reel in system.forces.cable.reels
+    }
+    mass, arm = held_by(system.kinematics.held, number, {**net.simulation.start.state.discrete, **most})
     own = mass_matrix(body.mass, np.array(body.inertia), *nothing)
     held = mass_matrix(body.mass, np.array(body.inertia), mass, arm) - own
     if len(mass) and not np.abs(np.linalg.eigvals(np.linalg.solve(own, held))).max() < 1.0:

@@ -25,7 +25,7 @@ from exunet.base.arrays import Floats
 from exunet.forces.cores import Surface
 from exunet.net.arrays import Net
 
-AWAKE = "points/awake"  # the memory of the system that says which points are awake
+ACTIVE = "points/active"  # the discrete state of the system that says which points are active
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Blocks:
     body     : name of a point mass -> its point
     rigid    : names of the rigid bodies, in their order
     states   : the first-order states, in their order
-    awake    : (n_points,) at the start, 1.0 for points that are awake and 0.0 for those that sleep: these
+    active    : (n_points,) at the start, 1.0 for points that are active and 0.0 for those that sleep: these
                rest, whatever pulls them, until an event wakes them. None: none ever sleeps
     inertia  : of the rigid bodies
     poses    : of the rigid bodies, and of the net's axes
@@ -126,7 +126,7 @@ class Blocks:
     body: Mapping[str, int] = field(default_factory=dict)
     rigid: tuple[str, ...] = ()
     states: tuple[FirstOrder, ...] = ()
-    awake: Floats | None = None
+    active: Floats | None = None
     inertia: Inertia = field(default_factory=Inertia)
     poses: Poses = field(default_factory=Poses)
     surfaces: Mapping[str, Surface] = field(default_factory=dict)

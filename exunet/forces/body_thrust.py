@@ -18,9 +18,9 @@ from exunet.forces.effects.thrust import PASSED, SINCE, Knots, begun_at
 from exunet.forces.from_outside import OUTSIDE, count_force, rate_of_impulse
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.loops import in_body_axes, in_scene_axes
-from exunet.forces.terms import KernelTerm, Memory
+from exunet.forces.terms import DiscreteState, KernelTerm
 
-_BURN = 2  # in the memory of a scripted thrust: its duration [s], then force and torque (6,)
+_BURN = 2  # in the discrete state of a scripted thrust: its duration [s], then force and torque (6,)
 
 
 def source(body: str) -> str:
@@ -28,7 +28,7 @@ def source(body: str) -> str:
     return f"thrust_{body}"
 
 
-def memory_name(body: str) -> str:
+def discrete_name(body: str) -> str:
     """Return the name of the discrete state of a scripted thrust."""
     return f"{OUTSIDE}{source(body)}/scripted"
 
@@ -53,36 +53,36 @@ class Thruster:
     turn: Floats
     in_body: bool
 
-    def data(self, blocks: Blocks, times: Floats, loads: Floats, memory: Floats) -> BodyThrust:
+    def data(self, blocks: Blocks, times: Floats, loads: Floats, discrete: Floats) -> ThrustTable:
         """Return the data of the loop; loads (m, 6) of forces [N] and torques [N m] at times (m,) [s]."""
         where = blocks.centre(self.body), blocks.attitude(self.body), blocks.spin(self.body)
         turned = (loads.reshape(-1, 2, 3) @ self.turn.T).reshape(-1, 6)
-        rate, passed = rate_of_impulse(source(self.body), blocks), memory[[PASSED]].astype(np.int64)
-        return BodyThrust(*where, self.arm, times, turned, passed, float(self.in_body), rate)
+        rate, passed = rate_of_impulse(source(self.body), blocks), discrete[[PASSED]].astype(np.int64)
+        return ThrustTable(*where, self.arm, times, turned, passed, float(self.in_body), rate)
 
     def term(self, blocks: Blocks, times: Floats, loads: Floats) -> KernelTerm:
         """Return the thrust of a table; see `data`."""
         data = partial(self.data, blocks, times, loads)
         name = f"{OUTSIDE}{source(self.body)}/knots_passed"
-        return self._term(Memory(name, begun_at(0.0, times, 1.0), data), Knots(tuple(times.tolist())))
+        return self._term(DiscreteState(name, begun_at(0.0, times, 1.0), data), Knots(tuple(times.tolist())))
 
     def scripted(self, blocks: Blocks) -> KernelTerm:
         """Return the thrust that entries of a script set; zero until then."""
 
-        def data(memory: Floats) -> BodyThrust:
-            return self.data(blocks, _burn(memory), np.tile(memory[_BURN + 1 :], (2, 1)), memory)
+        def data(discrete: Floats) -> ThrustTable:
+            return self.data(blocks, _burn(discrete), np.tile(discrete[_BURN + 1 :], (2, 1)), discrete)
 
-        return self._term(Memory(memory_name(self.body), np.zeros(_BURN + 7), data), Burn(()))
+        return self._term(DiscreteState(discrete_name(self.body), np.zeros(_BURN + 7), data), Burn(()))
 
-    def _term(self, memory: Memory, switch: Knots) -> KernelTerm:
-        assert memory.data is not None
+    def _term(self, discrete: DiscreteState, switch: Knots) -> KernelTerm:
+        assert discrete.data is not None
         return KernelTerm(
             "bodies",
             add_body_thrust,
-            memory.data(memory.initial),
+            discrete.data(discrete.initial),
             helpers=(in_body_axes, in_scene_axes, count_force),
             bodies=(self.body,),
-            memory=memory,
+            discrete=discrete,
             switch=switch,
             work_kept=True,
         )
@@ -93,25 +93,25 @@ def burnt(time: float, duration: float, force: tuple[float, ...], torque: tuple[
     return np.array([1.0, time, duration, *force, *torque])
 
 
-def _burn(memory: Floats) -> Floats:
-    return memory[SINCE] + np.array([0.0, memory[_BURN]])
+def _burn(discrete: Floats) -> Floats:
+    return discrete[SINCE] + np.array([0.0, discrete[_BURN]])
 
 
 class Burn(Knots):
     """The end of a scripted thrust, which its discrete state gives."""
 
-    def instants(self, memory: Floats) -> tuple[float, ...]:
+    def instants(self, discrete: Floats) -> tuple[float, ...]:
         """Return the end of the thrust while it acts."""
-        end = float(_burn(memory)[1])
-        return (end,) if memory[PASSED] == 1.0 and np.isfinite(end) else ()
+        end = float(_burn(discrete)[1])
+        return (end,) if discrete[PASSED] == 1.0 and np.isfinite(end) else ()
 
-    def _passed(self, time: float, memory: Floats) -> float:
+    def _passed(self, time: float, discrete: Floats) -> float:
         """Two after the end."""
-        over = memory[PASSED] == 1.0 and any(end <= time for end in self.instants(memory))
-        return 2.0 if over else float(memory[PASSED])
+        over = discrete[PASSED] == 1.0 and any(end <= time for end in self.instants(discrete))
+        return 2.0 if over else float(discrete[PASSED])
 
 
-class BodyThrust(NamedTuple):
+class ThrustTable(NamedTuple):
     """Force and torque on a body over time.
 
     centre, attitude, spin : where the entries of the body begin

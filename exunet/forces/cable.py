@@ -63,7 +63,7 @@ def viscous_tension(
 
 
 @dataclass(frozen=True)
-class Law:
+class AxialLaw:
     """The constants of the elements' axial law, a free strain taken in; arrays of (n_elements,).
 
     natural_length  : length that is free of stress [m]
@@ -83,7 +83,9 @@ class Law:
     table: Floats = field(default_factory=lambda: NO_TABLE)
 
     @classmethod
-    def of(cls, net: Net, free_strain: Floats | None = None, relaxation_time: Floats | None = None) -> Law:
+    def of(
+        cls, net: Net, free_strain: Floats | None = None, relaxation_time: Floats | None = None
+    ) -> AxialLaw:
         """The law of a net's elements."""
         length, stiffness, number = net.reference_length, net.axial_stiffness, net.law_number
         if free_strain is not None:
@@ -92,11 +94,11 @@ class Law:
             stiffness = stiffness * (ratio**3 if number is None else np.where(number == 0, ratio**3, 1.0))
         return cls(length, stiffness, relaxation_time, number, net.law_table)
 
-    def of_intact(self, intact: Floats | None) -> Law:
+    def of_intact(self, intact: Floats | None) -> AxialLaw:
         """The law where elements with intact (n_elements,) = 0 carry nothing; None: all are whole."""
         return self if intact is None else replace(self, stiffness=self.stiffness * intact)
 
-    def of_elements(self, chosen: Ints | slice) -> Law:
+    def of_elements(self, chosen: Ints | slice) -> AxialLaw:
         """Return the law of some of the elements."""
         time, number = self.relaxation_time, self.number
         return replace(
@@ -184,7 +186,7 @@ def spans(net: Net, nodal: Floats) -> Floats:
 
 
 def element_tension(
-    net: Net, law: Law, position: Floats, velocity: Floats, length: Floats | None = None
+    net: Net, law: AxialLaw, position: Floats, velocity: Floats, length: Floats | None = None
 ) -> Floats:
     """Axial forces [N]; position, velocity (..., n_nodes, 3) -> (..., n_elements).
 
@@ -198,7 +200,7 @@ def element_tension(
     return law.tension(length, rate)
 
 
-def elastic_energy(law: Law, length: Floats) -> Floats:
+def elastic_energy(law: AxialLaw, length: Floats) -> Floats:
     """U_el of eq. (19) [J]; length (..., n_elements) -> (...)."""
     strain = law.strain(length)
     # Not `@`, by which the bits would depend on how many states there are.

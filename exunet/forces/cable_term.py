@@ -1,4 +1,4 @@
-"""The cable elements as a force term: their law, and breaking as its memory and its switch.
+"""The cable elements as a force term: their law, and breaking as its discrete state and its switch.
 
 S11 = E (E11 + tau dE11/dt) where E11 > 0 begins with the force of the rate alone. No step across such a jump
 is better than the jump times its length, however good the method is; so a step control that meets one goes
@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats, Ints
 from exunet.base.run_events import ElementBreak
 from exunet.forces import cable, loops
-from exunet.forces.blocks import AWAKE, Blocks
-from exunet.forces.cable import Law
+from exunet.forces.blocks import ACTIVE, Blocks
+from exunet.forces.cable import AxialLaw
 from exunet.forces.law import energy, factor_of, green_lagrange_strain, pull_of, row_of, weight_of
 from exunet.forces.loops import Index
 from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import Winding
-from exunet.forces.terms import Change, Function, Input, KernelCall, Memories, Memory, Switch
+from exunet.forces.terms import Change, DiscreteState, DiscreteStates, Function, Input, KernelCall, Switch
 from exunet.net.arrays import Net
 
 OVERSHOOT = 1e-9  # of the strain at the limit, by which a step may go beyond it, unless it is a least step
-# Name of the memory: 1.0 for an element that carries, 0.0 for one that has broken; the part of its stiffness
-# for one of a tether that a script has made softer.
+# Name of the discrete state: 1.0 for an element that carries, 0.0 for one that has broken; the part of its
+# stiffness for one of a tether that a script has made softer.
 INTACT = "cable/intact"
 
 
@@ -87,9 +87,9 @@ class CableTerm:
     inputs: tuple[Input, ...] = field(default=(), init=False)
 
     @cached_property
-    def law(self) -> Law:
+    def law(self) -> AxialLaw:
         """The law of the whole elements; `law.of_intact` is that of those left."""
-        return Law.of(self.net, self.changes.free_strain, self.changes.relaxation_time)
+        return AxialLaw.of(self.net, self.changes.free_strain, self.changes.relaxation_time)
 
     @property
     def viscous(self) -> bool:
@@ -131,28 +131,28 @@ class CableTerm:
             own[0] = KernelCall(loops.add_tension, data[0], elastic=True, of_many=True)
         return *own, *limits
 
-    def data_at(self, memory: Memories) -> tuple[Any, ...]:
+    def data_at(self, discrete: DiscreteStates) -> tuple[Any, ...]:
         """The elements, without those between points that sleep; then, of intact ones, when they break."""
-        own = self.elements(memory, self.moving(memory))
+        own = self.elements(discrete, self.moving(discrete))
         if self.switch is None:
             return own
-        return *own, self.switch.limits(memory.get(INTACT, np.ones(self.net.n_elements)))
+        return *own, self.switch.limits(discrete.get(INTACT, np.ones(self.net.n_elements)))
 
     def elements(
-        self, memory: Memories, chosen: NDArray[np.bool_] | None
+        self, discrete: DiscreteStates, chosen: NDArray[np.bool_] | None
     ) -> tuple[loops.Elements | loops.ViscousElements, ...]:
         """The chosen ones (n_elements,) as kernels take them, law by law; None: all."""
         found = []
         for number, own in self.law.kinds:
             both = own if chosen is None else chosen if own is None else own & chosen
-            found.append(self._elements(memory, both, number))
+            found.append(self._elements(discrete, both, number))
         return tuple(found)
 
     def _elements(
-        self, memory: Memories, chosen: NDArray[np.bool_] | None, law: int
+        self, discrete: DiscreteStates, chosen: NDArray[np.bool_] | None, law: int
     ) -> loops.Elements | loops.ViscousElements:
         first, second = (3 * self.net.element_nodes.T).astype(Index)
-        length, intact = self.law.natural_length, self.carrying(memory)
+        length, intact = self.law.natural_length, self.carrying(discrete)
         factor = factor_of(length, self.law.stiffness) * (1.0 if intact is None else intact)
         kept = slice(None) if chosen is None else chosen
         own = first[kept], second[kept], length[kept] ** 2, factor[kept]
@@ -161,28 +161,28 @@ class CableTerm:
             return data
         return loops.ViscousElements(*data, 2.0 * time[kept], np.zeros(len(data.factor)), np.zeros(2))
 
-    def moving(self, memory: Memories) -> NDArray[np.bool_] | None:
+    def moving(self, discrete: DiscreteStates) -> NDArray[np.bool_] | None:
         """(n_elements,) False for elements whose ends both sleep; None: nothing ever sleeps."""
-        awake = memory.get(AWAKE)
-        return None if awake is None else np.asarray(awake[self.net.element_nodes].any(axis=1))
+        active = discrete.get(ACTIVE)
+        return None if active is None else np.asarray(active[self.net.element_nodes].any(axis=1))
 
     @cached_property
-    def memory(self) -> Memory | None:
+    def discrete(self) -> DiscreteState | None:
         """Which elements are intact, where that may change, or some are not."""
         if not (self.breaks or self.may_be_cut or self.broken):
             return None
         intact = np.ones(self.net.n_elements)
         intact[list(self.broken)] = 0.0
-        return Memory(INTACT, intact)
+        return DiscreteState(INTACT, intact)
 
-    def carrying(self, memory: Memories) -> Floats | None:
-        """(n_elements,) part of its stiffness with which each carries at these memories; None: all of it."""
-        intact = memory.get(INTACT)
+    def carrying(self, discrete: DiscreteStates) -> Floats | None:
+        """(n_elements,) part of its stiffness with which each carries at these discrete states; None: all of it."""
+        intact = discrete.get(INTACT)
         if not self.leaves_some:
             return intact
         carrying = np.ones(self.net.n_elements) if intact is None else intact.copy()
         for winding in self.reels:
-            carrying[list(winding.left_out(memory))] = 0.0
+            carrying[list(winding.left_out(discrete))] = 0.0
         if self.shortening is not None:
             carrying[list(self.shortening.elements)] = 0.0
         return carrying
@@ -192,17 +192,19 @@ class CableTerm:
         """True if it leaves some elements to other terms."""
         return bool(self.reels) or self.shortening is not None
 
-    def seen_elsewhere(self, memory: Memories, x: Floats, v: Floats) -> Iterator[tuple[Any, Floats, Floats]]:
-        """The elements that other terms have, and their strain and tension [N] in k states of one memory."""
+    def seen_elsewhere(
+        self, discrete: DiscreteStates, x: Floats, v: Floats
+    ) -> Iterator[tuple[Any, Floats, Floats]]:
+        """The elements that other terms have, and their strain and tension [N] in k states of one discrete state."""
         for winding in self.reels:
-            yield winding.outlets(memory, x, v)
+            yield winding.outlets(discrete, x, v)
         if self.shortening is not None:
-            yield self.shortening.seen(memory, x, v)
+            yield self.shortening.seen(discrete, x, v)
 
     @cached_property
-    def switch(self) -> Breaking | None:
+    def switch(self) -> BreakingEvents | None:
         """Breaking, where it is on."""
-        return Breaking(self) if self.breaks else None
+        return BreakingEvents(self) if self.breaks else None
 
     def numbers(self) -> Iterator[Any]:
         yield from self.changes.numbers()
@@ -223,22 +225,22 @@ class SomeElements:
     has_potential: bool = field(default=False, init=False)
     dissipates: bool = field(default=False, init=False)
     inputs: tuple[Input, ...] = field(default=(), init=False)
-    memory: Memory | None = field(default=None, init=False)
+    discrete: DiscreteState | None = field(default=None, init=False)
     switch: Switch | None = field(default=None, init=False)
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         return tuple(replace(self.cable.calls[0], data=data) for data in self.data_at({}))
 
-    def data_at(self, memory: Memories) -> tuple[loops.Elements | loops.ViscousElements, ...]:
-        moving = self.cable.moving(memory)
-        return self.cable.elements(memory, self.chosen if moving is None else self.chosen & moving)
+    def data_at(self, discrete: DiscreteStates) -> tuple[loops.Elements | loops.ViscousElements, ...]:
+        moving = self.cable.moving(discrete)
+        return self.cable.elements(discrete, self.chosen if moving is None else self.chosen & moving)
 
     def numbers(self) -> Iterator[Any]:
         yield from ()
 
 
-class Breaking(Switch):
+class BreakingEvents(Switch):
     """An element whose strain or force exceeds its limit at the end of a step carries nothing any more.
 
     Methods that choose their step are made to end one near the limit.
@@ -251,22 +253,22 @@ class Breaking(Switch):
         at_limit = green_lagrange_strain(self._limit, self._law.natural_length)
         self._far = self._law.natural_length * np.sqrt(1.0 + 2.0 * (1.0 + OVERSHOOT) * at_limit)
 
-    def in_steps(self, memory: Floats) -> bool:
+    def in_steps(self, discrete: Floats) -> bool:
         """An element may break at any time."""
         return True
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
         """Intact elements that are beyond their limit."""
-        return np.flatnonzero((memory > 0.0) & (cable.lengths(self._net, self._nodes(x)) > self._limit))
+        return np.flatnonzero((discrete > 0.0) & (cable.lengths(self._net, self._nodes(x)) > self._limit))
 
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, discrete: Floats) -> float:
         """A step [s] by which no element, at the velocity as it is, goes far beyond its limit.
 
         `step` halved as often as needed, but not below `least`. Forces slow down what stretches, so the
         straight way looks further than the true one goes.
         """
         apart, parting = cable.spans(self._net, self._nodes(x)), cable.spans(self._net, self._nodes(v))
-        near = (memory > 0.0) & (np.linalg.norm(apart, axis=1) <= self._limit)
+        near = (discrete > 0.0) & (np.linalg.norm(apart, axis=1) <= self._limit)
         near &= np.linalg.norm(apart, axis=1) + step * np.linalg.norm(parting, axis=1) > self._far
         apart, parting, far = apart[near], parting[near], self._far[near]
         while step > least and (np.linalg.norm(apart + step * parting, axis=1) > far).any():
@@ -285,7 +287,7 @@ class Breaking(Switch):
         return flat[: 3 * self._net.n_nodes].reshape(-1, 3)
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
         """Take elements out; the elastic energy that they held is lost.
 
@@ -294,14 +296,14 @@ class Breaking(Switch):
         """
         length = cable.lengths(self._net, self._nodes(x))
         strain = self._law.strain(length)
-        stiffness = self._law.stiffness * memory
+        stiffness = self._law.stiffness * discrete
         held = energy(strain) * stiffness * self._law.natural_length
         excess = (strain / self._at_limit) ** 2 - 1.0
         events = tuple(
             ElementBreak(time_s=time, element=int(e), energy_J=float(held[e]), energy_excess=float(excess[e]))
             for e in items
         )
-        intact = memory.copy()
+        intact = discrete.copy()
         intact[items] = 0.0
         return Change(intact, float(held[items].sum()), events)
 
@@ -337,7 +339,7 @@ class Jump:
 @np.errstate(all="ignore")  # a state that is beyond floating-point numbers is for the guards to report
 def jump_ahead(
     blocks: Blocks,
-    law: Law,
+    law: AxialLaw,
     within: float,
     tolerance: float,
     time: float,

@@ -3,9 +3,9 @@
 Each piece between two rings has its own length of line l_k, free of stress, and its own tension. The line
 slides through a ring only where the tensions beside it have the ratio e^(mu phi h h'), phi the angle by which
 it turns there and h, h' the slopes of both pieces (`exunet.forces.closing`, where the data are too); it
-moves to where the tension is higher. The l_k are a memory: in a step they are those at its start, less what
-must have slid for no ratio to be exceeded. That has one solution: with convex functions whose slope is
--ln N(l_k), their sum and that of mu phi h h' |slide| is least.
+moves to where the tension is higher. The l_k are a discrete state: in a step they are those at its start,
+less what must have slid for no ratio to be exceeded. That has one solution: with convex functions whose slope
+is -ln N(l_k), their sum and that of mu phi h h' |slide| is least.
 
 Between two neighbours on its path, d apart, the line has the way d to go; within the diameter D of a ring it
 goes round them, D (3/8 + 3/4 u^2 - u^4/8) with u = d / D, so that way, slope and curvature are continuous and
@@ -34,7 +34,7 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.law import STRETCH_BOUND, green_lagrange_strain, strain_at, stretch_at, tangent_at
 from exunet.forces.loops import Index
 from exunet.forces.reel import NOTHING_ASKED, command_name, winding_rate
-from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Series, Switch
+from exunet.forces.terms import Change, DiscreteState, DiscreteStates, Input, KernelTerm, Series, Switch
 from exunet.net.closing import NAME, SLOWS, LineThroughRings
 
 
@@ -74,7 +74,7 @@ def turn_of(line: Any, k: int) -> float:
 
 
 def settle_line(x: Any, line: Any) -> None:
-    """Let the line slide from what its memory says until no ring exceeds its friction."""
+    """Let the line slide from what its discrete state says until no ring exceeds its friction."""
     lay_line(x, line)
     n = line.way.size
     first = line.kept.size - 2 * n
@@ -294,7 +294,7 @@ RUBBING = (
 
 
 class LineStatus(NamedTuple):
-    """Status of a line at the end of an accepted step, in the order of the memory.
+    """Status of a line at the end of an accepted step, in the order of the discrete state.
 
     commands : number of the winch's commands that have come
     tension_start, tension_end : at the ends of the line [N]
@@ -318,7 +318,7 @@ STATUS = len(LineStatus._fields)
 
 
 class Line(NamedTuple):
-    """A closing line of n pieces, its winch, its memory and work space.
+    """A closing line of n pieces, its winch, its discrete state and work space.
 
     node      : (n + 1,) 3 x nodes along it
     state, rate : (1,) where the length wound up stands in x; where its rate stands in force, before that of
@@ -330,8 +330,9 @@ class Line(NamedTuple):
     winch     : number of the piece at the winch
     strength  : [N]; infinite: not known
     rate_at_most ... slows : of the drive, as in `exunet.forces.reel.Outlet`
-    kept      : (STATUS,) the memory; with friction (STATUS + 2 n,), with the length of line in each piece
-                [m], and 1.0, -1.0 or 0.0 for rings through which the line slides forwards, backwards, or not
+    kept      : (STATUS,) the discrete state; with friction (STATUS + 2 n,), with the length of line in each
+                piece [m], and 1.0, -1.0 or 0.0 for rings through which the line slides forwards, backwards,
+                or not
     Work space of each piece, (n,), each contiguous, as most of the time goes into these loops:
     dx, dy, dz, square : d as a vector [m], d^2 [m2]
     way, pull : way [m], pull on the nodes at its ends over tension and d: h / d [1/m]
@@ -530,7 +531,7 @@ def remember_line(t: float, x: Any, v: Any, line: Any) -> None:
 
 
 def remember_reported(t: float, largest: float, stretch: float, line: Any) -> None:
-    """Put tensions, way, and the largest tension [N] and stretch of any piece into the memory."""
+    """Put tensions, way, and the largest tension [N] and stretch of any piece into the discrete state."""
     kept, reported = line.kept, line.reported
     kept[1] = reported[0]
     kept[2] = reported[1]
@@ -546,7 +547,7 @@ LAID = (total_of, lay_line, remember_reported)
 SMOOTH = (strain_at, line_strain, growth_of_way, line_pulls, pull_nodes)
 
 
-MEMORY = f"{NAME}/line"
+STATE_NAME = f"{NAME}/line"
 _SERIES = {  # fields of the status: units
     "tension_start": "N",
     "tension_end": "N",
@@ -604,7 +605,7 @@ class Drawstring:
 
     @property
     def at_start(self) -> Floats:
-        """The memory at time 0: line in the pieces by their ways, so that its tension is the same in all."""
+        """The discrete state at time 0: line in the pieces by their ways, so that its tension is the same in all."""
         line = self.line
         way = way_of(line, self.blocks.position)
         stretch = float(way.sum()) / (self.ratio * line.length_at_start)
@@ -625,10 +626,10 @@ class Drawstring:
         laid = self.ratio * line.length_at_start * way / way.sum()
         return np.concatenate([status, laid, np.zeros(len(way))])
 
-    def data(self, memory: Floats) -> Line:
-        """Build the data for the loops at a memory."""
+    def data(self, discrete: Floats) -> Line:
+        """Build the data for the loops at a discrete state."""
         line, blocks = self.line, self.blocks
-        n, drive = len(line.path) - 1, line.drives[int(memory[0])]
+        n, drive = len(line.path) - 1, line.drives[int(discrete[0])]
         laid, room = np.zeros((6, n)), np.zeros((8, n if self.rubs else 0))
         return Line(
             node=(3 * np.array(line.path)).astype(Index),
@@ -649,7 +650,7 @@ class Drawstring:
             largest_rate=line.largest_rate,
             longest_wound=line.length - line.shortest,
             slows=SLOWS * line.length,
-            kept=memory,
+            kept=discrete,
             dx=laid[0],
             dy=laid[1],
             dz=laid[2],
@@ -668,13 +669,13 @@ class Drawstring:
         )
 
     @property
-    def memory(self) -> Memory:
+    def discrete(self) -> DiscreteState:
         """Status and, with friction, how much line is where."""
         wanted = {name: units for name, units in _SERIES.items() if name != "load" or self.line.strength}
         series = tuple(
             Series(f"{NAME}/{name}", units, LineStatus._fields.index(name)) for name, units in wanted.items()
         )
-        return Memory(MEMORY, self.at_start, self.data, "kept", too_long, series)
+        return DiscreteState(STATE_NAME, self.at_start, self.data, "kept", too_long, series)
 
     @property
     def rates(self) -> tuple[float, float]:
@@ -703,18 +704,18 @@ class Drawstring:
 
     def term(self) -> KernelTerm:
         """Its forces, its energy, its winch and, with friction, what that takes."""
-        line, memory, rates = self.line, self.memory, self.rates
+        line, discrete, rates = self.line, self.discrete, self.rates
         asked = Input(command_name(NAME), "asked", NOTHING_ASKED, "1, m/s, N, m/(N s)")
         helpers = (winding_rate, *LAID, *(RUBBING if self.rubs else SMOOTH))
         return KernelTerm(
             "nodes with rings",
             add_rubbing_line if self.rubs else add_line,
-            self.data(memory.initial),
+            self.data(discrete.initial),
             potential=rubbing_potential if self.rubs else line_potential,
             helpers=helpers,
             stiffness_rate=rates[0],
             damping_rate=rates[1],
-            memory=memory,
+            discrete=discrete,
             switch=WinchCommands(line) if line.times else None,
             inputs=(asked,) if line.is_commanded else (),
             remember=remember_rubbing if self.rubs else remember_line,
@@ -732,7 +733,7 @@ def elastic_once_slid(x: Floats, line: Line, friction: float) -> float:
 
 
 def too_long(values: Floats) -> str:
-    """Why a run with this memory must stop, and what to change; "" if it need not."""
+    """Why a run with this discrete state must stop, and what to change; "" if it need not."""
     stretch = float(values[LineStatus._fields.index("stretch")])
     if stretch <= STRETCH_BOUND:
         return ""
@@ -748,14 +749,14 @@ class WinchCommands(Switch):
     def __init__(self, line: LineThroughRings) -> None:
         self.times = line.times
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
-        """The only item, if a command has come since the memory was set."""
-        return np.flatnonzero([np.searchsorted(self.times, time, side="right") > memory[0]])
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
+        """The only item, if a command has come since the discrete state was set."""
+        return np.flatnonzero([np.searchsorted(self.times, time, side="right") > discrete[0]])
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
         """Count the commands; nothing else changes."""
-        after = memory.copy()
+        after = discrete.copy()
         after[0] = np.searchsorted(self.times, time, side="right")
         return Change(after, events=(ClosingEvent(time_s=time, event=f"command {int(after[0])}"),))

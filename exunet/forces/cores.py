@@ -22,7 +22,7 @@ STENCIL = BRICK + 3  # grid points that a brick has along each edge: those that 
 PLANES = 6  # planes that a brick may have at most
 
 
-class Samples(NamedTuple):
+class SampledDistance(NamedTuple):
     """The distance from the core of a mesh, in bricks of cells of a regular grid in the core's axes.
 
     Where the core is convex near a brick, the brick has the planes of the core's faces, and its distance is
@@ -74,9 +74,9 @@ class Samples(NamedTuple):
         return sum(getattr(self, name).nbytes for name in self.unchanged)
 
 
-def no_samples() -> Samples:
+def no_samples() -> SampledDistance:
     """Return empty samples, for cores that have a closed form."""
-    return Samples(
+    return SampledDistance(
         corner=np.zeros(3),
         cell=1.0,
         ends=np.zeros(3),
@@ -114,7 +114,7 @@ class Cores(NamedTuple):
     turn: Floats
     rounding: Floats
     boxes: Floats
-    samples: Samples
+    samples: SampledDistance
 
     def of(self, chosen: NDArray[np.bool_]) -> Cores:
         """Return the chosen cores (n,)."""

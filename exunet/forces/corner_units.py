@@ -33,7 +33,7 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.effect import RestOfCase, existing_body, existing_bullets
 from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
-from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
+from exunet.forces.terms import Change, DiscreteState, DiscreteStates, KernelTerm, Switch
 
 MOST_SAMPLES = 1_000_000
 _SAME = 1e-9  # of the largest offset: a mean that counts as zero
@@ -390,15 +390,15 @@ def growth_of_error(keys: Control, mass: float) -> float | None:
 
 
 Function = Callable[[float, Floats, Floats], ArrayLike]
-Completed = Callable[[float, Floats, Floats, Memories], tuple[Floats, Floats]]
+Completed = Callable[[float, Floats, Floats, DiscreteStates], tuple[Floats, Floats]]
 
-NAME = "control"  # in the names of states and of the memory
+NAME = "control"  # in the names of states and of the discrete state
 SPENT, WORK = f"{NAME}/spent", f"{NAME}/work"
-MEMORY = f"{NAME}/thrusters"
+STATE_NAME = f"{NAME}/thrusters"
 
 
 class Clock(NamedTuple):
-    """The first values of the memory; after them stand the forces (3 n,) [N].
+    """The first values of the discrete state; after them stand the forces (3 n,) [N].
 
     on    : 1.0 while the units are controlled
     begin : when the control began [s]
@@ -434,16 +434,16 @@ def term_of(
     clock = Clock(0.0 if waits else 1.0, control.start, 0.0, 0.0)
     initial = np.concatenate([clock, np.zeros(3 * len(nodes))])
     samples = SamplingSwitch(control, blocks, completed)
-    memory = Memory(MEMORY, initial, kept_in="memory")
+    discrete = DiscreteState(STATE_NAME, initial, kept_in="discrete")
     data = Thrusters(nodes, initial, _FORCES, blocks.rate(SPENT))
     if not counted:
-        return KernelTerm("bullets", add_thrusters, data, memory=memory, switch=samples, work_kept=True)
+        return KernelTerm("bullets", add_thrusters, data, discrete=discrete, switch=samples, work_kept=True)
     more = CountedThrusters(*data, rate_of_impulse(NAME, blocks))
     return KernelTerm(
         "bullets",
         add_counted_thrusters,
         more,
-        memory=memory,
+        discrete=discrete,
         switch=samples,
         work_kept=True,
         helpers=(add_thrusters, count_force),
@@ -456,16 +456,16 @@ def with_function(term: KernelTerm, function: Function) -> KernelTerm:
     return replace(term, switch=replace(term.switch, function=function))
 
 
-def started(memory: Floats, time: float) -> Floats:
-    """The memory once the control has started at a time [s], at which the first sample is due."""
-    every = Clock(*memory[:_FORCES]).every
-    return np.concatenate([Clock(1.0, time, 0.0, every), memory[_FORCES:]])
+def started(discrete: Floats, time: float) -> Floats:
+    """The discrete state once the control has started at a time [s], at which the first sample is due."""
+    every = Clock(*discrete[:_FORCES]).every
+    return np.concatenate([Clock(1.0, time, 0.0, every), discrete[_FORCES:]])
 
 
-def released(memory: Floats) -> Floats:
-    """The memory once the control has ended: no thruster fires."""
-    clock = Clock(*memory[:_FORCES])._replace(on=0.0)
-    return np.concatenate([clock, np.zeros(len(memory) - _FORCES)])
+def released(discrete: Floats) -> Floats:
+    """The discrete state once the control has ended: no thruster fires."""
+    clock = Clock(*discrete[:_FORCES])._replace(on=0.0)
+    return np.concatenate([clock, np.zeros(len(discrete) - _FORCES)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -477,20 +477,20 @@ class SamplingSwitch(Switch):
     completed: Completed
     function: Function | None = None
 
-    def instants(self, memory: Floats) -> tuple[float, ...]:
+    def instants(self, discrete: Floats) -> tuple[float, ...]:
         """The next sample; none while the units are not controlled."""
-        on, begin, since, _ = memory[:_FORCES].tolist()
+        on, begin, since, _ = discrete[:_FORCES].tolist()
         return (begin + since * self.control.period,) if on else ()
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
         """The only item, if a sample is due."""
-        return _ITEM if any(due <= time for due in self.instants(memory)) else _NONE
+        return _ITEM if any(due <= time for due in self.instants(discrete)) else _NONE
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
         """Other forces from now on."""
-        on, begin, since, every_sample = memory[:_FORCES].tolist()
+        on, begin, since, every_sample = discrete[:_FORCES].tolist()
         sensed = self._sensed(time, *self.completed(time, x, v, every), int(every_sample))
         demand = self._law.demanded(sensed) if self.function is None else self._given(sensed)
         forces = fired(self.control, demand, sensed)
@@ -542,13 +542,13 @@ class Thrusters(NamedTuple):
     """Forces that are constant until the next sample.
 
     bullets : (n,) 3 x node of each unit
-    memory  : with the forces on the units (3 n,) [N] at its end
+    discrete  : with the forces on the units (3 n,) [N] at its end
     first   : where these begin
     rate    : where the rates of what they have spent begin in force, before that of the work
     """
 
     bullets: NDArray[Index]
-    memory: Floats
+    discrete: Floats
     first: int
     rate: int
 
@@ -561,7 +561,7 @@ class CountedThrusters(NamedTuple):
     """
 
     bullets: NDArray[Index]
-    memory: Floats
+    discrete: Floats
     first: int
     rate: int
     given: int
@@ -569,11 +569,11 @@ class CountedThrusters(NamedTuple):
 
 def add_thrusters(t: float, x: Any, v: Any, thrusters: Any, force: Any) -> None:
     """The force on each unit, its magnitude as the rate of what it has spent, and its power."""
-    bullets, memory, first, rate = thrusters.bullets, thrusters.memory, thrusters.first, thrusters.rate
+    bullets, discrete, first, rate = thrusters.bullets, thrusters.discrete, thrusters.first, thrusters.rate
     for k in range(bullets.size):
         square = 0.0
         for axis in range(3):
-            value = memory[first + 3 * k + axis]
+            value = discrete[first + 3 * k + axis]
             force[bullets[k] + axis] += value
             force[rate + bullets.size] += value * v[bullets[k] + axis]
             square += value * value
@@ -583,9 +583,9 @@ def add_thrusters(t: float, x: Any, v: Any, thrusters: Any, force: Any) -> None:
 def add_counted_thrusters(t: float, x: Any, v: Any, thrusters: Any, force: Any) -> None:
     """As `add_thrusters`, with the rates of impulse and angular impulse about the origin."""
     add_thrusters(t, x, v, thrusters, force)
-    bullets, memory, rate = thrusters.bullets, thrusters.memory, thrusters.given
+    bullets, discrete, rate = thrusters.bullets, thrusters.discrete, thrusters.given
     for k in range(bullets.size):
         i = bullets[k]
         first = thrusters.first + 3 * k
-        a, b, c = memory[first], memory[first + 1], memory[first + 2]
+        a, b, c = discrete[first], discrete[first + 1], discrete[first + 2]
         count_force(a, b, c, i, x, rate, force)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.forces import loops
-from exunet.forces.terms import Input, KernelCall, Memories, Memory, Switch
+from exunet.forces.terms import DiscreteState, DiscreteStates, Input, KernelCall, Switch
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class LinearTerm:
     stiffness: scipy.sparse.csr_array | None = None
     load: Floats | None = None
     acts_on: str = field(default="nodes", init=False)
-    memory: Memory | None = field(default=None, init=False)
+    discrete: DiscreteState | None = field(default=None, init=False)
     switch: Switch | None = field(default=None, init=False)
     inputs: tuple[Input, ...] = field(default=(), init=False)
     damping_rate: float = field(default=0.0, init=False)
@@ -48,7 +48,7 @@ class LinearTerm:
         """3 n_points."""
         return next(part.shape[0] for part in self._parts() if part is not None)
 
-    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+    def data_at(self, discrete: DiscreteStates) -> tuple[tuple[Any, ...], ...]:
         return tuple(call.data for call in self.calls)
 
     @property

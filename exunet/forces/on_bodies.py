@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.base.arrays import Floats, Ints
 from exunet.forces.blocks import Blocks
 from exunet.forces.loops import Index, in_body_axes
-from exunet.forces.terms import Input, KernelTerm, Memories
+from exunet.forces.terms import DiscreteStates, Input, KernelTerm
 
 Indexes = NDArray[Index]
 
@@ -186,9 +186,9 @@ def add_braking(t: float, x: Any, v: Any, braked: Any, force: Any) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Points that are fixed to a body as long as a memory says so.
+    """Points that are fixed to a body as long as a discrete state says so.
 
-    memory : its name; the first of its values is the number of points that are held, the first of these
+    discrete : its name; the first of its values is the number of points that are held, the first of these
     start  : that number at time 0
     points : (n,)
     body   : number among the rigid bodies
@@ -198,7 +198,7 @@ class Held:
              another kind
     """
 
-    memory: str
+    discrete: str
     start: int
     points: Ints
     body: int
@@ -206,14 +206,14 @@ class Held:
     mass: Floats
     tie: str = ""
 
-    def number(self, memory: Memories) -> int:
-        """How many are held at these memories; at the start without any."""
-        return int(memory[self.memory][0]) if self.memory in memory else self.start
+    def number(self, discrete: DiscreteStates) -> int:
+        """How many are held at these discrete states; at the start without any."""
+        return int(discrete[self.discrete][0]) if self.discrete in discrete else self.start
 
 
-def held_by(every: Iterable[Held], body: int, memory: Memories) -> tuple[Floats, Floats]:
-    """Masses (n,) [kg] and arms (n, 3) [m] of the points that a body holds at these memories."""
-    own = [(item, item.number(memory)) for item in every if item.body == body]
+def held_by(every: Iterable[Held], body: int, discrete: DiscreteStates) -> tuple[Floats, Floats]:
+    """Masses (n,) [kg] and arms (n, 3) [m] of the points that a body holds at these discrete states."""
+    own = [(item, item.number(discrete)) for item in every if item.body == body]
     masses = [one.mass[:n] for one, n in own]
     arms = [one.arm[:n] for one, n in own]
     return np.concatenate([np.zeros(0), *masses]), np.concatenate([np.zeros((0, 3)), *arms])

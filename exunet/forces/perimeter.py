@@ -19,13 +19,13 @@ from exunet.base.arrays import Floats, Ints
 from exunet.base.run_events import ClosingEvent
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.cable import Law
+from exunet.forces.cable import AxialLaw
 from exunet.forces.law import green_lagrange_strain, strain_at
 from exunet.forces.loops import Index
-from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
+from exunet.forces.terms import Change, DiscreteState, DiscreteStates, KernelTerm, Switch
 from exunet.net.closing import NAME, ShortenedEdge
 
-_MEMORY = f"{NAME}/perimeter"
+_STATE_NAME = f"{NAME}/perimeter"
 
 
 def states_of(perimeter: ShortenedEdge) -> tuple[FirstOrder, FirstOrder]:
@@ -33,7 +33,7 @@ def states_of(perimeter: ShortenedEdge) -> tuple[FirstOrder, FirstOrder]:
     return FirstOrder(f"{NAME}/part", (1.0,)), FirstOrder(f"{NAME}/work", (0.0,), "J", gives=1.0)
 
 
-class Threads(NamedTuple):
+class PerimeterElements(NamedTuple):
     """Threads as the loops take them.
 
     first, second : (m,) 3 x nodes at the ends
@@ -59,7 +59,7 @@ class Shortening:
 
     perimeter: ShortenedEdge
     blocks: Blocks
-    law: Law
+    law: AxialLaw
 
     @property
     def elements(self) -> tuple[int, ...]:
@@ -72,11 +72,11 @@ class Shortening:
         one = self.perimeter
         return one.at, one.at + (1.0 - one.part) / one.rate
 
-    def data(self, memory: Floats) -> Threads:
-        """Build the data for the loops; memory : (1,) number of the instants that have passed."""
+    def data(self, discrete: Floats) -> PerimeterElements:
+        """Build the data for the loops; discrete state : (1,) number of the instants that have passed."""
         own, time = list(self.elements), self.law.relaxation_time
         first, second = (3 * self.blocks.net.element_nodes[own].T).astype(Index)
-        return Threads(
+        return PerimeterElements(
             first,
             second,
             self.law.natural_length[own],
@@ -84,15 +84,15 @@ class Shortening:
             0.0 if time is None else float(time[own].max(initial=0.0)),
             np.array([self.blocks.state(f"{NAME}/part")], dtype=Index),
             np.array([self.blocks.rate(f"{NAME}/part")], dtype=Index),
-            self.perimeter.rate if memory[0] == 1.0 else 0.0,
+            self.perimeter.rate if discrete[0] == 1.0 else 0.0,
         )
 
-    def seen(self, memory: Memories, x: Floats, v: Floats) -> tuple[Ints, Floats, Floats]:
+    def seen(self, discrete: DiscreteStates, x: Floats, v: Floats) -> tuple[Ints, Floats, Floats]:
         """The elements, and their Green-Lagrange strain and tension [N], (k, m) each, in k states.
 
-        x (k, n_x), v (k, n_v) with one memory. The same as `threads_pull`, for arrays.
+        x (k, n_x), v (k, n_v) with one discrete state. The same as `threads_pull`, for arrays.
         """
-        data = self.data(memory.get(_MEMORY, np.zeros(1)))
+        data = self.data(discrete.get(_STATE_NAME, np.zeros(1)))
         ends = (
             np.asarray(item, dtype=np.int64)[:, None] + np.arange(3) for item in (data.first, data.second)
         )
@@ -127,7 +127,7 @@ class Shortening:
             helpers=(strain_at, threads_pull),
             stiffness_rate=rate,
             damping_rate=data.time * rate,
-            memory=Memory(_MEMORY, start, self.data),
+            discrete=DiscreteState(_STATE_NAME, start, self.data),
             switch=_Instants(self.instants),
             internal=True,
         )
@@ -139,12 +139,12 @@ class _Instants(Switch):
     def __init__(self, times: tuple[float, float]) -> None:
         self.times = times
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
-        """The only item, if an instant has passed since the memory was set."""
-        return np.flatnonzero(np.searchsorted(self.times, time, side="right") > memory)
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
+        """The only item, if an instant has passed since the discrete state was set."""
+        return np.flatnonzero(np.searchsorted(self.times, time, side="right") > discrete)
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
         """Count the instants; nothing else changes."""
         number = int(np.searchsorted(self.times, time, side="right"))

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.cable import Law
+from exunet.forces.cable import AxialLaw
 from exunet.forces.law import green_lagrange_strain, growth_at, hooke_tension, strain_between
 from exunet.forces.law import tension as tension_of
 from exunet.forces.loops import Index
-from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
+from exunet.forces.terms import DiscreteState, DiscreteStates, Input, KernelTerm, Switch
 from exunet.net.tether import CLOSE, LARGEST_OUTLET, LEAST_OUTLET, ReeledTether
 
 
@@ -175,8 +175,8 @@ def step_to_node(step: float, least: float, x: Any, v: Any, outlet: Any) -> floa
 NOTHING_ASKED = np.zeros(4)
 
 
-def memory_name(reel: ReeledTether) -> str:
-    """Return the name of the memory: number of nodes on the drum, number of commands that have come."""
+def discrete_name(reel: ReeledTether) -> str:
+    """Return the name of the discrete state: number of nodes on the drum, number of commands that have come."""
     return f"{reel.name}/reel"
 
 
@@ -191,31 +191,31 @@ def states_of(reel: ReeledTether) -> tuple[FirstOrder, FirstOrder]:
     return wound, FirstOrder(f"{reel.name}/work", (0.0,), "J", gives=1.0)
 
 
-# In the memory of a reel: how many of its nodes are on the drum, which command is in force, and where what a
-# script asks begins, if it does.
+# In the discrete state of a reel: how many of its nodes are on the drum, which command is in force, and where
+# what a script asks begins, if it does.
 ON_DRUM, COMMANDED, ASKED = 0, 1, 2
 
 
 def at_start(reel: ReeledTether) -> Floats:
-    """The memory at time 0."""
+    """The discrete state at time 0."""
     return np.array([float(reel.on_drum), float(np.searchsorted(reel.times, 0.0, side="right"))])
 
 
 @dataclass(frozen=True, eq=False)
 class Winding:
-    """A reel in a scene: the data of its outlet at a memory, and which elements the cable term leaves to it.
+    """A reel in a scene: the data of its outlet at a discrete state, and which elements the cable term leaves to it.
 
     law : of all elements
     """
 
     reel: ReeledTether
     blocks: Blocks
-    law: Law
+    law: AxialLaw
 
-    def outlet(self, memory: Floats) -> Outlet:
-        """Build the data for the loops; memory: of the reel, followed by the commands of a script, if any."""
-        reel, blocks, on_drum = self.reel, self.blocks, int(memory[ON_DRUM])
-        element, drive = reel.elements[on_drum], reel.drives[int(memory[COMMANDED])]
+    def outlet(self, discrete: Floats) -> Outlet:
+        """Build the data for the loops; discrete state: of the reel, followed by the commands of a script, if any."""
+        reel, blocks, on_drum = self.reel, self.blocks, int(discrete[ON_DRUM])
+        element, drive = reel.elements[on_drum], reel.drives[int(discrete[COMMANDED])]
         part, natural = reel.element_length, float(self.law.natural_length[element])
         time = self.law.relaxation_time
         may_go_on = on_drum + 1 < len(reel.elements)
@@ -234,7 +234,7 @@ class Winding:
             rate_at_most=drive.rate,
             force=drive.force,
             gives=drive.gives,
-            asked=memory[ASKED:] if len(memory) > ASKED else NOTHING_ASKED,
+            asked=discrete[ASKED:] if len(discrete) > ASKED else NOTHING_ASKED,
             largest_rate=reel.largest_rate,
             longest_wound=reel.length - reel.shortest,
             slows=LEAST_OUTLET * part,
@@ -243,18 +243,18 @@ class Winding:
             close=CLOSE * part,
         )
 
-    def outlet_now(self, memory: Memories) -> tuple[int, Outlet]:
-        """The element that is the outlet at these memories, and what the loops take of it."""
-        held = memory.get(memory_name(self.reel), at_start(self.reel))
-        asked = memory.get(command_name(self.reel.name), NOTHING_ASKED)
+    def outlet_now(self, discrete: DiscreteStates) -> tuple[int, Outlet]:
+        """The element that is the outlet at these discrete states, and what the loops take of it."""
+        held = discrete.get(discrete_name(self.reel), at_start(self.reel))
+        asked = discrete.get(command_name(self.reel.name), NOTHING_ASKED)
         return self.reel.elements[int(held[0])], self.outlet(np.concatenate([held, asked]))
 
-    def drawn(self, memory: Memories, x: Floats) -> float:
+    def drawn(self, discrete: DiscreteStates, x: Floats) -> float:
         """Kinetic energy [J] of the tether at the rate at which the drum turns where nothing pulls.
 
-        x (n_x,), with these memories.
+        x (n_x,), with these discrete states.
         """
-        _, outlet = self.outlet_now(memory)
+        _, outlet = self.outlet_now(discrete)
         rate = winding_rate(float(x[outlet.state[0]]), 0.0, outlet)
         return 0.5 * float(self.blocks.mass[list(self.reel.nodes)].sum()) * rate**2
 
@@ -263,21 +263,21 @@ class Winding:
         """Return the name of the tether."""
         return self.reel.name
 
-    def on_drum(self, memory: Memories) -> int:
-        """How many nodes are on the drum at these memories; at the start without any."""
-        name = memory_name(self.reel)
-        return int(memory[name][0]) if name in memory else self.reel.on_drum
+    def on_drum(self, discrete: DiscreteStates) -> int:
+        """How many nodes are on the drum at these discrete states; at the start without any."""
+        name = discrete_name(self.reel)
+        return int(discrete[name][0]) if name in discrete else self.reel.on_drum
 
-    def left_out(self, memory: Memories) -> tuple[int, ...]:
+    def left_out(self, discrete: DiscreteStates) -> tuple[int, ...]:
         """The elements on the drum, and the outlet."""
-        return self.reel.elements[: self.on_drum(memory) + 1]
+        return self.reel.elements[: self.on_drum(discrete) + 1]
 
-    def outlets(self, memory: Memories, x: Floats, v: Floats) -> tuple[int, Floats, Floats]:
+    def outlets(self, discrete: DiscreteStates, x: Floats, v: Floats) -> tuple[int, Floats, Floats]:
         """The outlet's element, and its Green-Lagrange strain and tension [N], (k,) each, in k states.
 
-        x (k, n_x), v (k, n_v) with one memory. The same as `pulls`, for arrays.
+        x (k, n_x), v (k, n_v) with one discrete state. The same as `pulls`, for arrays.
         """
-        element, outlet = self.outlet_now(memory)
+        element, outlet = self.outlet_now(discrete)
         drum, far = int(outlet.drum[0]), int(outlet.far[0])
         span, parting = (part[:, far : far + 3] - part[:, drum : drum + 3] for part in (x, v))
         length = np.sqrt(np.einsum("ka,ka->k", span, span))
@@ -304,8 +304,8 @@ class Winding:
 def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
     """The term of a reel; switch : of its events."""
     reel, blocks = winding.reel, winding.blocks
-    memory = Memory(memory_name(reel), at_start(reel), winding.outlet)
-    data = winding.outlet(memory.initial)
+    discrete = DiscreteState(discrete_name(reel), at_start(reel), winding.outlet)
+    data = winding.outlet(discrete.initial)
     natural = data.ratio * LEAST_OUTLET * reel.element_length
     mass = blocks.mass[list(reel.nodes)].min()
     slope = data.stiffness / natural  # of the tension over the length
@@ -320,7 +320,7 @@ def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
         helpers=(strain_between, growth_at, winding_rate, stretched, pulls),
         stiffness_rate=2.0 * slope / mass,
         damping_rate=slope * (drives + 2.0 * data.time / mass),
-        memory=memory,
+        discrete=discrete,
         switch=switch,
         event=node_is_due,
         shorten=step_to_node,

@@ -98,7 +98,7 @@ class KernelCall:
               before any force is added; that of a later call comes before that of an earlier one
     tells_power : `add` returns the power [W] that it takes out, which depends on velocities alone
     remember : function remember(t, x, v, data) that changes arrays of the data at the end of each accepted
-              step, whose state `add` was called with last; see `Memory.kept_in`
+              step, whose state `add` was called with last; see `DiscreteState.kept_in`
     event   : function event(t, x, v, data) -> float, the event function of the term's `Switch`, evaluated at
               the end of each accepted step; at or above 0, the switch finds what has crossed
     shorten : function shorten(step, least, x, v, data) -> step [s], as `Switch.step_within`
@@ -147,7 +147,7 @@ class KernelCall:
         refuse_wrong(functions, self.helpers)
 
 
-Memories = Mapping[str, Floats]
+DiscreteStates = Mapping[str, Floats]
 
 
 def copied(data: Any) -> Any:
@@ -196,7 +196,7 @@ class Series:
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
+class DiscreteState:
     """Values of a term that change only when a step is accepted.
 
     name    : under which states and snapshots keep them
@@ -237,44 +237,45 @@ class Input:
 
 
 class Switch:
-    """The events of a term: when its memory changes, and how.
+    """The events of a term: when its discrete state changes, and how.
 
     times   : known instants [s], which steps end at
-    sees_inputs : the memory is followed by the values of the term's inputs
+    sees_inputs : the discrete state is followed by the values of the term's inputs
     """
 
     times: tuple[float, ...] = ()
     sees_inputs: bool = False
 
-    def instants(self, memory: Floats) -> tuple[float, ...]:
-        """Instants [s] that are planned with such a memory, which steps end at."""
+    def instants(self, discrete: Floats) -> tuple[float, ...]:
+        """Instants [s] that are planned with such a discrete state, which steps end at."""
         return ()
 
-    def in_steps(self, memory: Floats) -> bool:
-        """True if it may cross at other instants too with such a memory: `KernelCall.event` has to say so."""
+    def in_steps(self, discrete: Floats) -> bool:
+        """True if it may cross at other instants too with such a discrete state: `KernelCall.event` has to say so."""
         return False
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
-        """Which items of the memory have crossed their event function at the end of an accepted step."""
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
+        """Which items of the discrete state have crossed their event function at the end of an accepted step."""
         raise NotImplementedError
 
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, discrete: Floats) -> float:
         """A step [s], not above `step` nor below `least`, that ends near the next crossing, if any."""
         return step
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
-        """Return the changes of memory and state by the crossing of `items`; every : all memories now."""
+        """Return the changes of discrete state and state by the crossing of `items`; every : all discrete states now."""
         raise NotImplementedError
 
 
 class Watch(Switch):
     """A switch whose crossings are located within steps.
 
-    Its memory is followed by those that it sees, and by the numbers that it records.
-    sees  : names of these memories
-    reports : numbers of memories that steps change, at the end of each: name of the memory, place
+    Its discrete state is followed by those that it sees, and by the numbers that it records.
+    sees  : names of these discrete states
+    reports : numbers of discrete states that steps change, at the end of each: name of the discrete state,
+              place
     of_x, of_v : entries of the states at the ends of steps that it looks at
     weights : (n,) of the first points, at whose mean place and velocity it looks; none: it does not
     """
@@ -298,18 +299,18 @@ class Watch(Switch):
         raise NotImplementedError
 
     def remembered(self, steps: Seen) -> Floats | None:
-        """Its own memory at the end of accepted steps, before events; None: as it was."""
+        """Its own discrete state at the end of accepted steps, before events; None: as it was."""
         raise NotImplementedError
 
-    def stops(self, memory: Floats) -> bool:
-        """True if the run ends with such a memory."""
+    def stops(self, discrete: Floats) -> bool:
+        """True if the run ends with such a discrete state."""
         raise NotImplementedError
 
 
 class Seen(NamedTuple):
-    """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), what a switch gets of memories.
+    """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), what a switch gets of discrete states.
 
-    memory : at the last of them
+    discrete : at the last of them
     reported : (k, n) numbers of `Watch.reports`
     mean   : (k, 6) mean place and velocity with `Watch.weights`; None: they follow from x and v
     """
@@ -317,39 +318,39 @@ class Seen(NamedTuple):
     time: Floats
     x: Floats
     v: Floats
-    memory: Floats
+    discrete: Floats
     reported: Floats
     mean: Floats | None = None
 
 
 @dataclass(frozen=True)
 class Change:
-    """Changes by an event: memory, energy and state.
+    """Changes by an event: discrete state, energy and state.
 
-    memory      : the new memory of the term
+    discrete      : the new discrete state of the term
     energy_lost : [J] with the event; negative: put in. None: what the energy of the system changes by, less
-                  the work that guided bodies do with it
+                  the work that prescribed bodies do with it
     work_given  : this work [J], which `energy_lost` does not count
     events      : record of each item
     x, v        : the new state of all blocks, None: as it was
-    awake       : (n_points,) which points are awake from now on (see `Blocks.awake`), None: as before; those
-                  that go to sleep come to rest
+    active       : (n_points,) which points are active from now on (see `Blocks.active`), None: as before;
+                  those that go to sleep come to rest
     more        : True if the switch is to be asked at once whether something else is due at this instant
-    others      : new values of memories and inputs of other terms, by name
+    others      : new values of discrete states and inputs of other terms, by name
     stops       : True if the run ends here
     quiet       : True if only forces are others from now on, by a memory that is kept in the data, and their
                   work is kept by states: those from before and after may be looked at together
     """
 
-    memory: Floats
+    discrete: Floats
     energy_lost: float | None = 0.0
     events: tuple[RunEvent, ...] = ()
     x: Floats | None = None
     v: Floats | None = None
-    awake: Floats | None = None
+    active: Floats | None = None
     work_given: float = 0.0
     more: bool = False
-    others: Memories = field(default_factory=dict)
+    others: DiscreteStates = field(default_factory=dict)
     stops: bool = False
     quiet: bool = False
 
@@ -365,11 +366,11 @@ class Term(Protocol):
     def calls(self) -> tuple[KernelCall, ...]:
         """Its calls in a compiled kernel."""
 
-    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
-        """The data of its calls with these memories and inputs in force; absent ones are as at the start."""
+    def data_at(self, discrete: DiscreteStates) -> tuple[tuple[Any, ...], ...]:
+        """The data of its calls with these discrete states and inputs in force; absent ones are as at the start."""
 
     @property
-    def memory(self) -> Memory | None: ...
+    def discrete(self) -> DiscreteState | None: ...
 
     @property
     def switch(self) -> Switch | None: ...
@@ -415,9 +416,9 @@ class KernelTerm:
     damping_rate : bound [1/s] of what it adds to the eigenvalues of M^-1 D, for the stable step
     friction_rate : the same of friction that is smooth in the speed, where it is slow [1/s]; its force has a
                  bound, so that no step makes it grow: not in the stable step, see `exunet.model.limits`
-    memory, switch, inputs : see `Memory`, `Switch`, `Input`
+    discrete, switch, inputs : see `DiscreteState`, `Switch`, `Input`
     power      : as in `KernelCall`, of a force that takes out energy beside its potential
-    remember   : as in `KernelCall`; the memory says in which field of the data its values are kept
+    remember   : as in `KernelCall`; the discrete state says in which field of the data its values are kept
     event, shorten : as in `KernelCall`, of a switch that may cross at the end of any step
     internal   : the potential depends only on where things are relative to each other
     only_states : it adds no force, only rates of first-order states, and does no work
@@ -434,7 +435,7 @@ class KernelTerm:
     stiffness_rate: float = 0.0
     damping_rate: float = 0.0
     friction_rate: float = 0.0
-    memory: Memory | None = None
+    discrete: DiscreteState | None = None
     switch: Switch | None = None
     inputs: tuple[Input, ...] = ()
     power: Function | None = None
@@ -473,16 +474,16 @@ class KernelTerm:
         )
         return (call,)
 
-    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+    def data_at(self, discrete: DiscreteStates) -> tuple[tuple[Any, ...], ...]:
         data: Any = self.data
-        if self.memory is not None and self.memory.name in memory:
-            values = memory[self.memory.name]
-            if self.memory.data is not None:
-                data = self.memory.data(values)
-            elif self.memory.kept_in:
-                data = data._replace(**{self.memory.kept_in: values})
+        if self.discrete is not None and self.discrete.name in discrete:
+            values = discrete[self.discrete.name]
+            if self.discrete.data is not None:
+                data = self.discrete.data(values)
+            elif self.discrete.kept_in:
+                data = data._replace(**{self.discrete.kept_in: values})
         for item in self.inputs:
-            values = memory.get(item.name, item.initial)
+            values = discrete.get(item.name, item.initial)
             number = isinstance(attrgetter(item.field)(data), float)
             data = with_field(data, item.field, float(values[0]) if number else values)
         return (data,)
@@ -499,7 +500,7 @@ class KernelTerm:
         yield from (*leaves(self.data), self.damping_rate, self.stiffness_rate)
 
 
-def unchanged(data: tuple[Any, ...], memory: Memories) -> tuple[Any, ...]:
+def unchanged(data: tuple[Any, ...], discrete: DiscreteStates) -> tuple[Any, ...]:
     """Return data of a call that do not depend on discrete states."""
     return data
 
@@ -509,16 +510,16 @@ class Constraint:
     """Entries of x and v without equations of motion: placed before the forces, relieved of them after all.
 
     calls     : its calls in a kernel
-    data      : of each call, by the memories in force
+    data      : of each call, by the discrete states in force
     bodies    : names of the free bodies that it hands forces on to
-    memory, switch : see `Memory`, `Switch`
+    discrete, switch : see `DiscreteState`, `Switch`
     Energy that it gives is kept by first-order states of the system.
     """
 
     calls: tuple[KernelCall, ...]
-    data: tuple[Callable[[Memories], tuple[Any, ...]], ...]
+    data: tuple[Callable[[DiscreteStates], tuple[Any, ...]], ...]
     bodies: tuple[str, ...] = ()
-    memory: Memory | None = None
+    discrete: DiscreteState | None = None
     switch: Switch | None = None
     dissipates: bool = field(default=False, init=False)
     acts_on: str = field(default="bodies", init=False)
@@ -526,8 +527,8 @@ class Constraint:
     has_potential: bool = field(default=False, init=False)
     damping_rate: float = field(default=0.0, init=False)
 
-    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
-        return tuple(of(memory) for of in self.data)
+    def data_at(self, discrete: DiscreteStates) -> tuple[tuple[Any, ...], ...]:
+        return tuple(of(discrete) for of in self.data)
 
     def numbers(self) -> Iterator[Any]:
         for call in self.calls:

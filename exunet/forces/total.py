@@ -85,6 +85,6 @@ class Forces:
         return tuple((term, term.switch) for term in self if term.switch is not None)
 
     @property
-    def memories(self) -> tuple[Term, ...]:
-        """The terms that have a memory."""
-        return tuple(term for term in self if term.memory is not None)
+    def discrete_states(self) -> tuple[Term, ...]:
+        """The terms that have a discrete state."""
+        return tuple(term for term in self if term.discrete is not None)

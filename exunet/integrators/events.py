@@ -1,4 +1,4 @@
-"""The events of a run: switching functions looked at when a step is accepted, memories that they change."""
+"""The events of a run: switching functions looked at when a step is accepted, discrete states that they change."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import cast
 import numpy as np
 
 from exunet.base.arrays import Floats
-from exunet.forces.blocks import AWAKE
+from exunet.forces.blocks import ACTIVE
 from exunet.forces.terms import Change, Seen, Switch, Watch
 from exunet.integrators.protocol import Stepper
 from exunet.model.energy import total
 from exunet.model.system import System
 
 
-def memories_of(name: str, change: Change) -> dict[str, Floats]:
+def discrete_states_of(name: str, change: Change) -> dict[str, Floats]:
     """Discrete states that an event of the term with this one changes."""
-    awake = {} if change.awake is None else {AWAKE: change.awake}
-    return {**change.others, name: change.memory, **awake}
+    active = {} if change.active is None else {ACTIVE: change.active}
+    return {**change.others, name: change.discrete, **active}
 
 
 class Events:
@@ -36,37 +36,37 @@ class Events:
         self._watch: tuple[str, Watch] | None = None
         self._reported: tuple[tuple[str, int], ...] = ()
         for term, switch in system.forces.switches:
-            assert term.memory is not None
-            self._switches.append((term.memory.name, switch))
+            assert term.discrete is not None
+            self._switches.append((term.discrete.name, switch))
             inputs = term.inputs if switch.sees_inputs else ()
-            self._sees[term.memory.name] = tuple(item.name for item in inputs)
+            self._sees[term.discrete.name] = tuple(item.name for item in inputs)
             if term is system.forces.script:
                 watch = cast("Watch", switch)
-                self._watch = term.memory.name, watch
-                self._sees[term.memory.name], self._reported = watch.sees, watch.reports
+                self._watch = term.discrete.name, watch
+                self._sees[term.discrete.name], self._reported = watch.sees, watch.reports
         self.any = bool(self._switches)
 
     @property
-    def memory(self) -> dict[str, Floats]:
+    def discrete(self) -> dict[str, Floats]:
         """The discrete states now."""
-        return self._stepper.memory
+        return self._stepper.discrete
 
     def _seen(self, name: str) -> Floats:
-        """The memory of a term, followed by the inputs, or other memories, that its switch sees, and by the
+        """The discrete state of a term, followed by the inputs, or other discrete states, that its switch sees, and by the
         numbers that it observes.
         """
-        memory = self.memory
-        own, others = memory[name], self._sees[name]
+        discrete = self.discrete
+        own, others = discrete[name], self._sees[name]
         reported = self._reported if self._watch is not None and name == self._watch[0] else ()
         if not others and not reported:
             return own
-        numbers = [memory[one][place] for one, place in reported]
-        return np.concatenate([own, *(memory[other] for other in others), numbers])
+        numbers = [discrete[one][place] for one, place in reported]
+        return np.concatenate([own, *(discrete[other] for other in others), numbers])
 
     @property
     def stopped(self) -> bool:
         """True if the run has been ended."""
-        return self._watch is not None and self._watch[1].stops(self._stepper.memory[self._watch[0]])
+        return self._watch is not None and self._watch[1].stops(self._stepper.discrete[self._watch[0]])
 
     def is_due(self, time: float) -> bool:
         """True at the start of a run in which something is planned for then."""
@@ -75,26 +75,26 @@ class Events:
     @property
     def _planned(self) -> Iterator[float]:
         """The instants that switches have planned."""
-        memory = self.memory
-        return chain.from_iterable(switch.instants(memory[name]) for name, switch in self._switches)
+        discrete = self.discrete
+        return chain.from_iterable(switch.instants(discrete[name]) for name, switch in self._switches)
 
     @property
     def watches(self) -> bool:
         """True while conditions are watched, whose crossings are to be located in steps."""
-        return self._watch is not None and self._watch[1].in_steps(self.memory[self._watch[0]])
+        return self._watch is not None and self._watch[1].in_steps(self.discrete[self._watch[0]])
 
     def now(self) -> Seen:
         """The state reached, as what watches gets it."""
         assert self._watch is not None
-        memory = self._seen(self._watch[0])
+        discrete = self._seen(self._watch[0])
         x, v = self._stepper.flat()
-        reported = memory[None, len(memory) - len(self._reported) :]
-        return Seen(np.array([self._stepper.time]), x[None].copy(), v[None].copy(), memory, reported)
+        reported = discrete[None, len(discrete) - len(self._reported) :]
+        return Seen(np.array([self._stepper.time]), x[None].copy(), v[None].copy(), discrete, reported)
 
     def comes_true(self, steps: Seen) -> int | None:
         """See `Watch.comes_true`; accepted steps in which no condition does are remembered."""
         assert self._watch is not None
-        steps = steps._replace(memory=self._seen(self._watch[0]))
+        steps = steps._replace(discrete=self._seen(self._watch[0]))
         first = self._watch[1].comes_true(steps)
         if first is None:
             self.steps_done(steps)
@@ -111,24 +111,24 @@ class Events:
         name, watch = self._watch
         after = watch.remembered(steps)
         if after is not None:
-            self.memory[name] = after
+            self.discrete[name] = after
 
     @property
     def kept(self) -> dict[str, Floats]:
         """Copies of the discrete states that change at the end of steps, with an event or without."""
         kept = self._stepper.kept
         if self._watch is not None:
-            kept[self._watch[0]] = self.memory[self._watch[0]].copy()
+            kept[self._watch[0]] = self.discrete[self._watch[0]].copy()
         return kept
 
     def _at_rest(self, change: Change, v: Floats) -> Change:
         """Set the velocities of the points that go to sleep to zero."""
-        if change.awake is None:
+        if change.active is None:
             return change
-        if AWAKE not in self.memory:
+        if ACTIVE not in self.discrete:
             raise ValueError("an event wakes points of a system in which none sleeps: give Blocks.awake")
         speed = (v if change.v is None else change.v).copy()
-        speed[: 3 * len(change.awake)] *= np.repeat(change.awake, 3)
+        speed[: 3 * len(change.active)] *= np.repeat(change.active, 3)
         return replace(change, v=speed)
 
     def _booked(self, change: Change, name: str, time: float, x: Floats, v: Floats) -> Change:
@@ -136,19 +136,21 @@ class Events:
         if change.energy_lost is not None:
             return change
         after = x if change.x is None else change.x, v if change.v is None else change.v
-        memory = self.memory
-        before = total(self._system, time, x, v, memory)
-        lost = before - total(self._system, time, *after, memory | memories_of(name, change))
+        discrete = self.discrete
+        before = total(self._system, time, x, v, discrete)
+        lost = before - total(self._system, time, *after, discrete | discrete_states_of(name, change))
         first = self._system.blocks.n_x - self._system.blocks.n_states
         given = float(self._system.given_work(after[0][first:] - x[first:]))
-        own = lost + given  # what a guide gives with the event is in the guide's books
+        own = (
+            lost + given
+        )  # what a prescribed motion gives with the event is in the prescribed motion's books
         change = replace(change, energy_lost=own, work_given=given)
         if len(change.events) != 1:
             return change
         return replace(change, events=(replace(change.events[0], energy_lost_J=own),))
 
     def next_instant(self, after: float, until: float) -> float:
-        """The first known instant of an event later than `after`, or of a knot of a guide, or `until` [s]."""
+        """The first known instant of an event later than `after`, or of a knot of a prescribed motion, or `until` [s]."""
         every: Iterable[float] = self._system.kinematics.knots
         if self.any:
             times = (time for _, switch in self._switches for time in switch.times)
@@ -173,7 +175,7 @@ class Events:
         """Yield the changes at the end of an accepted step; the caller lets each act before the next.
 
         Terms come in their order, the constraint last; a switch is asked again at once if its change says so,
-        and those before the script whose memories it has changed once it is done.
+        and those before the script whose discrete states it has changed once it is done.
 
         x, v : changed by the caller after each event, so that the next one acts on the new state
         """
@@ -192,7 +194,7 @@ class Events:
         """Yield the changes of one switch, with the energy that they lose."""
         more = True
         while more and not self.stopped and len(items := switch.crossed(time, x, v, self._seen(name))):
-            change = switch.change(time, x, v, self._seen(name), items, self.memory)
+            change = switch.change(time, x, v, self._seen(name), items, self.discrete)
             change = self._booked(self._at_rest(change, v), name, time, x, v)
             yield change
             more = change.more

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.bodies.port import Piece
-from exunet.forces.terms import Change, Memories, Seen
+from exunet.forces.terms import Change, DiscreteStates, Seen
 from exunet.model.states import States
 from exunet.model.system import State
 
@@ -100,7 +100,7 @@ class Stepper(Protocol):
         """Items of the engine by kind; none for the compiled loop."""
 
     @property
-    def memory(self) -> dict[str, Floats]:
+    def discrete(self) -> dict[str, Floats]:
         """All discrete states at the time reached; the next step may change the arrays."""
 
     @property
@@ -134,7 +134,7 @@ class Stepper(Protocol):
             On Ctrl-C.
         """
 
-    def change(self, change: Change, memory: Memories) -> None:
+    def change(self, change: Change, discrete: DiscreteStates) -> None:
         """Let an event act: its state, and all discrete states after it."""
 
     def state(self) -> State:
@@ -143,7 +143,7 @@ class Stepper(Protocol):
     def view(self) -> State:
         """The state reached; its arrays may be those that the next step changes."""
 
-    def push(self, force: Floats) -> None:
+    def set_external_force(self, force: Floats) -> None:
         """Set external forces (n_points, 3) [N] on the points, constant from now on."""
 
     def set_inputs(self, inputs: Arrays) -> None:

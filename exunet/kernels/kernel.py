@@ -19,7 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.cable_term import CableTerm
-from exunet.forces.terms import Constraint, Function, KernelCall, KernelTerm, Memories, Term, copied, leaves
+from exunet.forces.terms import (
+    Constraint,
+    DiscreteStates,
+    Function,
+    KernelCall,
+    KernelTerm,
+    Term,
+    copied,
+    leaves,
+)
 from exunet.kernels.compile import (
     BY_ADDRESS,
     INSIDE,
@@ -155,7 +164,7 @@ class ForceTable(NamedTuple):
     rows  : (n_calls,) records `ROW`; they keep what they point to
     takes : how the energy is known that they take out
     data  : of each call, whose arrays the rows point to
-    changed : the memories that compiled code changes itself, one after the other
+    changed : the discrete states that compiled code changes itself, one after the other
     kept  : the same by name; views
     """
 
@@ -166,7 +175,7 @@ class ForceTable(NamedTuple):
     kept: Mapping[str, NDArray[np.float64]]
 
     def place_of(self, name: str, entry: int) -> int:
-        """Where an entry of a memory stands in `changed`; counted from the end if negative."""
+        """Where an entry of a discrete state stands in `changed`; counted from the end if negative."""
         ends = dict(
             zip(self.kept, np.cumsum([len(item) for item in self.kept.values()]).tolist(), strict=True)
         )
@@ -183,8 +192,8 @@ def compiled_rows(
     calls: Sequence[KernelCall], sources: Sequence[str], data: Sequence[Any], *, lanes: bool
 ) -> NDArray[np.void]:
     """Records `ROW` of calls with their data, which they own; sources : of each call."""
-    memory = _Owner(len(calls) * ROW.itemsize)
-    rows = np.frombuffer(memory, dtype=ROW)
+    discrete = _Owner(len(calls) * ROW.itemsize)
+    rows = np.frombuffer(discrete, dtype=ROW)
     owned = []
     for row, call, source, own in zip(rows, calls, sources, data, strict=True):
         words = np.fromiter(_words(own), dtype=np.int64)
@@ -194,7 +203,7 @@ def compiled_rows(
         for name, value in _flags(call).items():
             row[name] = value
         owned.append((own, words))
-    memory.owned = tuple(owned)
+    discrete.owned = tuple(owned)
     return rows
 
 
@@ -289,18 +298,18 @@ class Kernel:
         """Compiled or interpreted."""
         return compiled_module(self.source) if self._compiled else interpreted_module(self.source)
 
-    def table(self, memory: Mapping[str, Floats] | None = None) -> ForceTable:
+    def table(self, discrete: Mapping[str, Floats] | None = None) -> ForceTable:
         """All terms with a copy of their data, as the functions of the module take their rows.
 
-        memory : values of the terms' memories by name; a name that is absent has its initial value
+        discrete : values of the terms' discrete states by name; a name that is absent has its initial value
         Arrays are contiguous and writable: all of them have the same compiled code.
         """
         every: list[Any] = []
         places: dict[str, tuple[int, str]] = {}
         for term in self._terms:
-            for data in term.data_at(memory or {}):
-                if term.memory is not None and term.memory.kept_in:
-                    places[term.memory.name] = len(every), term.memory.kept_in
+            for data in term.data_at(discrete or {}):
+                if term.discrete is not None and term.discrete.kept_in:
+                    places[term.discrete.name] = len(every), term.discrete.kept_in
                 every.append(copied(data))
         changed, kept = _in_one(every, places)
         if self._compiled:
@@ -310,38 +319,42 @@ class Kernel:
         return ForceTable(rows, self.takes, tuple(every), changed, kept)
 
     def forces(
-        self, time: float, position: Floats, velocity: Floats, memory: Mapping[str, Floats] | None = None
+        self, time: float, position: Floats, velocity: Floats, discrete: Mapping[str, Floats] | None = None
     ) -> Floats:
         """(n_points, 3) [N] from position and velocity (n_points, 3), of points alone."""
         force = np.zeros(position.size)
         x, v = (np.array(a, dtype=float).ravel() for a in (position, velocity))
-        self.module.forces(time, x, v, self.table(memory).rows, force)
+        self.module.forces(time, x, v, self.table(discrete).rows, force)
         return force.reshape(-1, 3)
 
-    def remembered(self, time: float, x: Floats, v: Floats, size: int, memory: Memories) -> Memories:
+    def remembered(
+        self, time: float, x: Floats, v: Floats, size: int, discrete: DiscreteStates
+    ) -> DiscreteStates:
         """Return the discrete states after a step that ends at a state x (n_x,), v (n_v,) [s].
 
         size : of the array of forces and rates, see `Blocks.n_force`
         """
-        x, v, table = np.array(x, dtype=float), np.array(v, dtype=float), self.table(memory)
+        x, v, table = np.array(x, dtype=float), np.array(v, dtype=float), self.table(discrete)
         self.module.forces(time, x, v, table.rows, np.zeros(size))
         for call, data in zip(self.calls, table.data, strict=True):
             if call.remember is not None:
                 call.remember(time, x, v, data)  # in Python: once a run
         return table.kept
 
-    def potential(self, x: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
+    def potential(self, x: Floats, discrete: Mapping[str, Floats] | None = None) -> Floats:
         """Potential energy of the terms that have one [J]; (k, n_x) -> (k,)."""
         energy = np.empty(len(x))
-        self.module.potentials(np.array(x, dtype=float), self.table(memory).rows, energy)
+        self.module.potentials(np.array(x, dtype=float), self.table(discrete).rows, energy)
         return energy
 
-    def power(self, time: Floats, x: Floats, v: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
+    def power(
+        self, time: Floats, x: Floats, v: Floats, discrete: Mapping[str, Floats] | None = None
+    ) -> Floats:
         """Power that the terms without a potential take out [W]; (k,), (k, n_x), (k, n_v) -> (k,)."""
         taken = np.empty(len(time))
         x, v = np.array(x, dtype=float), np.array(v, dtype=float)
         self.module.powers(
-            np.array(time, dtype=float), x, v, self.table(memory).rows, np.zeros(x.shape[1]), taken
+            np.array(time, dtype=float), x, v, self.table(discrete).rows, np.zeros(x.shape[1]), taken
         )
         return taken
 
@@ -349,7 +362,7 @@ class Kernel:
         self,
         step: Floats,
         states: Sequence[tuple[Floats, Floats]],
-        memory: Mapping[str, Floats] | None = None,
+        discrete: Mapping[str, Floats] | None = None,
     ) -> Floats:
         """Energy [J] taken out in steps (k,) [s], of the terms that report it (`KernelCall.work`) -> (k,).
 
@@ -357,15 +370,15 @@ class Kernel:
         """
         taken = np.empty(len(step))
         begin, end = (tuple(np.array(part, dtype=float) for part in pair) for pair in states)
-        self.module.works(np.array(step, dtype=float), begin, end, self.table(memory).rows, taken)
+        self.module.works(np.array(step, dtype=float), begin, end, self.table(discrete).rows, taken)
         return taken
 
     def all_forces(
-        self, time: Floats, x: Floats, v: Floats, number: int, memory: Mapping[str, Floats] | None = None
+        self, time: Floats, x: Floats, v: Floats, number: int, discrete: Mapping[str, Floats] | None = None
     ) -> Floats:
         """Forces, rates of `number` first-order states; (k,), (k, n_x), (k, n_v) -> (k, n_v + number)."""
         force = np.zeros((len(time), v.shape[1] + number))
-        x, v, rows = np.array(x, dtype=float), np.array(v, dtype=float), self.table(memory).rows
+        x, v, rows = np.array(x, dtype=float), np.array(v, dtype=float), self.table(discrete).rows
         for row, t in enumerate(time.tolist()):
             self.module.forces(t, x[row], v[row], rows, force[row])
         return force

@@ -189,7 +189,7 @@ def _text(function: Function, decorator: str = INSIDE) -> str:
     return text if text.startswith("@") else f"{decorator}\n{text}"
 
 
-class Place(NamedTuple):
+class EngineCoordinates(NamedTuple):
     """Where the blocks (see `exunet.forces.blocks`) stand in the engine's coordinates, and work space.
 
     where  : (2, n_free) of each free coordinate of the points, where it stands in the engine's, and in x
@@ -221,7 +221,7 @@ class Place(NamedTuple):
     halfway: bool
     x: NDArray[np.float64]
     v: NDArray[np.float64]
-    push: NDArray[np.float64]
+    external: NDArray[np.float64]
     force: NDArray[np.float64]
     reference: NDArray[np.float64]
 
@@ -234,7 +234,7 @@ def hold(value: Any) -> Any:
 def engine_forces(t: float, q: Any, q_t: Any, y: Any, held: Any, out: Any) -> None:
     """Forces on the engine's coordinates into out, from all of these, q, q_t, and the first-order states y.
 
-    held : from `hold`, of the rows of a `ForceTable` and a `Place`
+    held : from `hold`, of the rows of a `ForceTable` and a `EngineCoordinates`
     out : (n_free + 6 n_bodies,) forces on the free coordinates of points [N], then on each body the force
           [N] and the torque in its axes [N m]
     """
@@ -251,7 +251,7 @@ def engine_forces(t: float, q: Any, q_t: Any, y: Any, held: Any, out: Any) -> No
 
 
 def engine_rates(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
-    """As `engine_forces`, for the rates of the first-order states, which stand in `Place.force` then."""
+    """As `engine_forces`, for the rates of the first-order states, which stand in `EngineCoordinates.force` then."""
     data, at = borrowed(held.value)
     if not (at.halfway and is_current_position(t, q, at)):
         ask(t, q, q_t, y, data, at)
@@ -272,7 +272,7 @@ def engine_accepts(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
 
 
 def ask(t: float, q: Any, q_t: Any, y: Any, data: Any, at: Any) -> None:
-    """Put state and forces into a `Place`, unless those there are of this time and state already.
+    """Put state and forces into a `EngineCoordinates`, unless those there are of this time and state already.
 
     An engine asks for forces and for rates one after the other, often of the same state.
     """
@@ -280,11 +280,11 @@ def ask(t: float, q: Any, q_t: Any, y: Any, data: Any, at: Any) -> None:
         return
     x = at.x
     v = at.v
-    push = at.push
+    external = at.external
     force = at.force
     load_state(q, q_t, y, x, v, at)
     for k in range(force.size):
-        force[k] = push[k]
+        force[k] = external[k]
     at.reported[0], at.reported[1] = add_forces(t, x, v, data, force)
     asked = at.asked
     asked[0] = t

@@ -108,8 +108,8 @@ def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None)
         script = script_of(scene.script, system, target)
         system = replace(system, forces=replace(forces, script=script))
     velocity = np.concatenate([start.velocity, _velocity_of_masses(scene, blocks)])
-    memory = dict(system.memory)
-    return system, State(0.0, blocks.position, velocity, bodies.states, memory, blocks.initial_states)
+    discrete = dict(system.discrete)
+    return system, State(0.0, blocks.position, velocity, bodies.states, discrete, blocks.initial_states)
 
 
 @dataclass(frozen=True, eq=False)

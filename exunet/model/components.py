@@ -31,11 +31,11 @@ from exunet.forces.reel import (
     ON_DRUM,
     Outlet,
     Winding,
-    memory_name,
+    discrete_name,
     reel_term,
     step_to_node,
 )
-from exunet.forces.terms import Change, KernelTerm, Memories, Switch, largest_number
+from exunet.forces.terms import Change, DiscreteStates, KernelTerm, Switch, largest_number
 from exunet.forces.total import Forces
 from exunet.model.ejection import exchanged
 from exunet.model.script import with_inputs
@@ -74,64 +74,64 @@ class Drum(Switch):
         self._made: tuple[bytes, Outlet] | None = None
         self._wound = self._blocks.state(f"{self._reel.name}/wound_up")
 
-    def in_steps(self, memory: Floats) -> bool:
+    def in_steps(self, discrete: Floats) -> bool:
         """Return True while the drum may turn, so that nodes may go on or come off."""
-        asked = memory[ASKED:] if len(memory) > ASKED else NOTHING_ASKED
-        drive = Drive(*asked[1:].tolist()) if asked[0] > 0.0 else self._reel.drives[int(memory[COMMANDED])]
+        asked = discrete[ASKED:] if len(discrete) > ASKED else NOTHING_ASKED
+        drive = Drive(*asked[1:].tolist()) if asked[0] > 0.0 else self._reel.drives[int(discrete[COMMANDED])]
         return not drive.is_locked
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
         """Return which are due: the next command, a node onto the drum, a node off it."""
-        done = int(memory[COMMANDED])
+        done = int(discrete[COMMANDED])
         commanded = done < len(self.times) and self.times[done] <= time
-        length, limits = self._outlet(x, memory), self._outlet_at(memory)
+        length, limits = self._outlet(x, discrete), self._outlet_at(discrete)
         on = length <= limits.goes_on + limits.close
         off = length >= limits.comes_off - limits.close
         return np.flatnonzero([commanded, on, off]) if commanded or on or off else _NOTHING
 
-    def _outlet_at(self, memory: Floats) -> Outlet:
+    def _outlet_at(self, discrete: Floats) -> Outlet:
         """Return the data of the compiled loops; cached by the discrete state."""
-        key = memory.tobytes()
+        key = discrete.tobytes()
         if self._made is None or self._made[0] != key:
-            self._made = key, self._winding.outlet(memory)
+            self._made = key, self._winding.outlet(discrete)
         return self._made[1]
 
-    def _outlet(self, x: Floats, memory: Floats) -> float:
-        return self._reel.outlet(int(memory[ON_DRUM]), float(x[self._wound]))
+    def _outlet(self, x: Floats, discrete: Floats) -> float:
+        return self._reel.outlet(int(discrete[ON_DRUM]), float(x[self._wound]))
 
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        return float(step_to_node(step, least, x, v, self._outlet_at(memory)))
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, discrete: Floats) -> float:
+        return float(step_to_node(step, least, x, v, self._outlet_at(discrete)))
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
         """Return the discrete state and the state after an event; the change of energy counts as lost."""
         if _COMMAND in items:
             number = float(np.searchsorted(self._reel.times, time, side="right"))
             event = ReelEvent(time_s=time, tether=self._reel.name, event=f"command {int(number)}")
-            return Change(np.array([memory[ON_DRUM], number]), events=(event,), more=True)
+            return Change(np.array([discrete[ON_DRUM], number]), events=(event,), more=True)
         moving = Layout(self._blocks).unpack(x.copy(), v.copy()).completed(self._kinematics, time, every)
         on = _ON in items
-        number = memory[ON_DRUM] + 1.0 if on else memory[ON_DRUM]
+        number = discrete[ON_DRUM] + 1.0 if on else discrete[ON_DRUM]
         node = self._reel.nodes[int(number)]
-        after = np.array([number if on else number - 1.0, memory[COMMANDED]])
-        leaving = None if on else self._coming_off(moving, memory)
-        both = every, {**every, memory_name(self._reel): after}
+        after = np.array([number if on else number - 1.0, discrete[COMMANDED]])
+        leaving = None if on else self._coming_off(moving, discrete)
+        both = every, {**every, discrete_name(self._reel): after}
         moved = self._conserving_momenta(time, moving, both, node, leaving)
         x, v = Layout(self._blocks).pack(moved)
         words = "goes onto the drum" if on else "comes off the drum"
         event = ReelEvent(time_s=time, tether=self._reel.name, event=f"node {node} {words}", node=node)
         return Change(after, None, (event,), x=x, v=v, more=True)
 
-    def _coming_off(self, moving: Moving, memory: Floats) -> _Node:
+    def _coming_off(self, moving: Moving, discrete: Floats) -> _Node:
         """Return the last node on the drum, moved onto the line from there to the next node.
 
         Along the line it has the velocity of the next node, since the element between them keeps its length;
         across it, the velocity interpolated along the line.
         """
-        on_drum = int(memory[ON_DRUM])
+        on_drum = int(discrete[ON_DRUM])
         drum, node, far = (self._reel.nodes[k] for k in (0, on_drum, on_drum + 1))
-        outlet = self._outlet(self._flat(moving)[0], memory)
+        outlet = self._outlet(self._flat(moving)[0], discrete)
         part = (outlet - self._reel.element_length) / outlet
         line = moving.position[far] - moving.position[drum]
         relative = moving.velocity[far] - moving.velocity[drum]
@@ -149,22 +149,22 @@ class Drum(Switch):
         self,
         time: float,
         moving: Moving,
-        memories: tuple[Memories, Memories],
+        discrete_states: tuple[DiscreteStates, DiscreteStates],
         node: int,
         leaving: _Node | None,
     ) -> Moving:
         """Return the state after a node has gone onto the drum, or, `leaving`, come off it.
 
-        memories : discrete states before and after
+        discrete_states : discrete states before and after
         """
         sign, own = 1.0, _Node(node, moving.position[node].copy(), moving.velocity[node].copy())
         if leaving is not None:
             sign, own = -1.0, leaving
         momentum = sign * float(self._blocks.mass[node]) * own.velocity
         points = own.place[None], momentum[None]
-        after = exchanged(moving, self._blocks, self._kinematics, self._body, memories, points)
+        after = exchanged(moving, self._blocks, self._kinematics, self._body, discrete_states, points)
         after.position[node], after.velocity[node] = own.place, own.velocity
-        return after.completed(self._kinematics, time, memories[1])
+        return after.completed(self._kinematics, time, discrete_states[1])
 
 
 class Component(Protocol):
@@ -258,10 +258,10 @@ class DrawnLine:
 
 
 def _completed(
-    layout: Layout, kinematics: Kinematics, time: float, x: Floats, v: Floats, memory: Memories
+    layout: Layout, kinematics: Kinematics, time: float, x: Floats, v: Floats, discrete: DiscreteStates
 ) -> tuple[Floats, Floats]:
     """Return x and v with what has no equations of motion put in."""
-    return layout.pack(layout.unpack(x, v).completed(kinematics, time, memory)) if kinematics else (x, v)
+    return layout.pack(layout.unpack(x, v).completed(kinematics, time, discrete)) if kinematics else (x, v)
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,7 +333,7 @@ class ScriptedForces:
         if begins_a_thrust(self.script):
             kernels = (
                 thrust.waiting(term)
-                if (term.memory is not None and term.memory.name == thrust.MEMORY)
+                if (term.discrete is not None and term.discrete.name == thrust.STATE_NAME)
                 else term
                 for term in forces.kernels
             )

@@ -14,7 +14,7 @@ from exunet.bodies.rigid import RigidStates, kinetic
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.blocks import Blocks
 from exunet.forces.on_bodies import Held, held_by, mass_matrix
-from exunet.forces.terms import Change, Constraint, Memories, Memory, Switch
+from exunet.forces.terms import Change, Constraint, DiscreteState, DiscreteStates, Switch
 from exunet.model.initial import BodiesAtStart
 from exunet.model.system import InitialEjection, Layout, Moving
 from exunet.net.arrays import Net
@@ -180,12 +180,12 @@ def exchanged(
     blocks: Blocks,
     kinematics: Kinematics,
     body: int,
-    memories: tuple[Memories, Memories],
+    discrete_states: tuple[DiscreteStates, DiscreteStates],
     points: tuple[Floats, Floats],
 ) -> Moving:
     """Return the state after a body has taken up or released points.
 
-    memories : discrete states before and after, which define the points that the body holds
+    discrete_states : discrete states before and after, which define the points that the body holds
     points   : positions (n, 3) [m] and momenta (n, 3) [kg m/s] of points taken up; of points released, the
                momenta with which they leave, with the opposite sign
 
@@ -198,7 +198,9 @@ def exchanged(
     own = 0.0, np.zeros(3)
     if body < kinematics.n_free:
         own = blocks.inertia.mass[body], blocks.inertia.moments[body]
-    before, after = (mass_matrix(*own, *held_by(kinematics.held, body, memory)) for memory in memories)
+    before, after = (
+        mass_matrix(*own, *held_by(kinematics.held, body, discrete)) for discrete in discrete_states
+    )
     coming = momentum @ turn
     arriving = np.cross((place - centre) @ turn, coming).sum(axis=0)
     momenta = before @ motion + np.concatenate([coming.sum(axis=0), arriving])
@@ -251,11 +253,13 @@ def ejecting(
     """
     assert constraint is not None
     assert axes.body is not None
-    (held,) = (group for group in rigid.kinematics.held if group.memory == HELD)
+    (held,) = (group for group in rigid.kinematics.held if group.discrete == HELD)
     in_body = rotation_matrix(rigid.states.attitude[axes.body]).T @ axes.turn
     added = speed[held.points] @ in_body.T
     switch = Ejection((time,), held, added, blocks, rigid.kinematics)
-    return replace(constraint, memory=Memory(HELD, np.array([float(held.start), 0.0])), switch=switch)
+    return replace(
+        constraint, discrete=DiscreteState(HELD, np.array([float(held.start), 0.0])), switch=switch
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,12 +277,12 @@ class Ejection(Switch):
     blocks: Blocks
     kinematics: Kinematics
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
         """Return the only item, from its time on."""
-        return np.flatnonzero([(time >= self.times[0] or memory[LET_GO] > 0.0) and memory[NODES] > 0.0])
+        return np.flatnonzero([(time >= self.times[0] or discrete[LET_GO] > 0.0) and discrete[NODES] > 0.0])
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
         """Eject the net; momenta are conserved, the change of energy is the work of the ejection."""
         layout, nodes = Layout(self.blocks), self.held.points

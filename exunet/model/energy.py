@@ -9,7 +9,7 @@ from exunet.bodies import rotations
 from exunet.forces import cable
 from exunet.forces.total import Forces
 from exunet.kernels.kernel import cable_kernel, term_kernel
-from exunet.model.system import Memories, System
+from exunet.model.system import DiscreteStates, System
 
 
 def kinetic(mass: Floats, velocity: Floats) -> Floats:
@@ -17,27 +17,29 @@ def kinetic(mass: Floats, velocity: Floats) -> Floats:
     return 0.5 * (np.einsum("...na,...na->...n", velocity, velocity) @ mass)
 
 
-def law_of(forces: Forces, memory: Memories | None = None) -> cable.Law:
+def law_of(forces: Forces, discrete: DiscreteStates | None = None) -> cable.AxialLaw:
     """Return the cable law of the intact elements."""
-    return forces.cable.law.of_intact(forces.cable.carrying(memory or {}))
+    return forces.cable.law.of_intact(forces.cable.carrying(discrete or {}))
 
 
-def elastic(forces: Forces, position: Floats, memory: Memories | None = None) -> Floats:
+def elastic(forces: Forces, position: Floats, discrete: DiscreteStates | None = None) -> Floats:
     """Compute U_el of eq. (19) [J]; position (..., n_points, 3) -> (...)."""
-    return cable.elastic_energy(law_of(forces, memory), cable.lengths(forces.cable.net, position))
+    return cable.elastic_energy(law_of(forces, discrete), cable.lengths(forces.cable.net, position))
 
 
-def potential(forces: Forces, x: Floats, memory: Memories | None = None) -> Floats:
+def potential(forces: Forces, x: Floats, discrete: DiscreteStates | None = None) -> Floats:
     """Compute the potential [J] of loads, constant stiffness and conservative terms; (k, n_x) -> (k,)."""
     energy = np.zeros(len(x))
     if forces.linear is not None:
         energy += forces.linear.potential(x)
     if any(term.has_potential for term in forces.kernels):
-        energy += term_kernel(forces.kernels).potential(x, memory)
+        energy += term_kernel(forces.kernels).potential(x, discrete)
     return energy
 
 
-def work_taken(system: System, time: Floats, x: Floats, v: Floats, memory: Memories | None = None) -> Floats:
+def work_taken(
+    system: System, time: Floats, x: Floats, v: Floats, discrete: DiscreteStates | None = None
+) -> Floats:
     """Compute the energy [J] that terms without a potential dissipate in each step (negative: supply).
 
     Parameters
@@ -55,18 +57,18 @@ def work_taken(system: System, time: Floats, x: Floats, v: Floats, memory: Memor
     (x0 + x1)/2 + h (x0' - x1')/8 and 3/2 (x1 - x0)/h - (x0' + x1')/4: of fourth order.
     """
     forces, step = system.forces, np.diff(time)
-    place, speed = _middle(system, time, x, v, memory)
-    ends = power_taken(forces, time, x, v, memory)
-    middle = power_taken(forces, time[:-1] + 0.5 * step, place, speed, memory)
+    place, speed = _middle(system, time, x, v, discrete)
+    ends = power_taken(forces, time, x, v, discrete)
+    middle = power_taken(forces, time[:-1] + 0.5 * step, place, speed, discrete)
     work = step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * middle)
     if forces.cable.viscous:
         states = (x[:-1], v[:-1]), (x[1:], v[1:])
-        work += cable_kernel(forces.cable).work(step, states, memory)
+        work += cable_kernel(forces.cable).work(step, states, discrete)
     return work
 
 
 def _middle(
-    system: System, time: Floats, x: Floats, v: Floats, memory: Memories | None
+    system: System, time: Floats, x: Floats, v: Floats, discrete: DiscreteStates | None
 ) -> tuple[Floats, Floats]:
     """Return x (k - 1, n_x) and v (k - 1, n_v) at the midpoints of the steps."""
     h, centres, bodies = np.diff(time)[:, None], system.blocks.centres, len(system.blocks.rigid)
@@ -90,7 +92,7 @@ def _middle(
         rates = np.zeros_like(of_terms)  # of those integrated for bodies, which no force depends on
         if system.forces.kernels:
             kernel = term_kernel(system.forces.kernels)
-            rates = kernel.all_forces(time, x, v, of_terms.shape[1], memory)[:, v.shape[1] :]
+            rates = kernel.all_forces(time, x, v, of_terms.shape[1], discrete)[:, v.shape[1] :]
         of_terms, _ = halfway(of_terms, rates)
     return np.concatenate([place, turned, of_terms[: len(place)]], axis=1), np.concatenate([speed, spin], 1)
 
@@ -102,7 +104,9 @@ def _one_way(attitude: Floats) -> Floats:
     return np.concatenate([attitude[:1], sign[:, :, None] * attitude[1:]])
 
 
-def power_taken(forces: Forces, time: Floats, x: Floats, v: Floats, memory: Memories | None = None) -> Floats:
+def power_taken(
+    forces: Forces, time: Floats, x: Floats, v: Floats, discrete: DiscreteStates | None = None
+) -> Floats:
     """Compute the power [W] dissipated by the damping matrix and by terms without a potential.
 
     time (k,) [s], x (k, n_x), v (k, n_v) -> (k,)
@@ -111,16 +115,16 @@ def power_taken(forces: Forces, time: Floats, x: Floats, v: Floats, memory: Memo
     if forces.linear is not None:
         power += forces.linear.power(v)
     if any(term.dissipates for term in forces.kernels):
-        power += term_kernel(forces.kernels).power(time, x, v, memory)
+        power += term_kernel(forces.kernels).power(time, x, v, discrete)
     return power
 
 
-def total(system: System, time: float, x: Floats, v: Floats, memory: Memories) -> float:
+def total(system: System, time: float, x: Floats, v: Floats, discrete: DiscreteStates) -> float:
     """Compute the sum of kinetic, elastic and potential energy [J] of one state x (n_x,), v (n_v,)."""
-    moving = system.layout.unpack(x, v).completed(system.kinematics, time, memory)
+    moving = system.layout.unpack(x, v).completed(system.kinematics, time, discrete)
     place, speed = system.layout.pack(moving)
     position = moving.position[: system.net.n_nodes]
-    held = elastic(system.forces, position, memory) + potential(system.forces, place[None], memory)[0]
+    held = elastic(system.forces, position, discrete) + potential(system.forces, place[None], discrete)[0]
     return float(speed @ (system.layout.half_mass(system) * speed) + held)
 
 

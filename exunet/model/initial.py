@@ -15,12 +15,12 @@ from exunet.bodies.config import Body, unit_quaternion
 from exunet.bodies.distance import overlap
 from exunet.bodies.kinematics import Kinematics, given_states
 from exunet.bodies.mass_properties import point_mass
-from exunet.bodies.port import Guide
+from exunet.bodies.port import PrescribedMotion
 from exunet.bodies.rigid import RigidBody, RigidStates, make_body
 from exunet.bodies.rotations import product, rotation_matrix
 from exunet.forces.blocks import FirstOrder
 from exunet.forces.on_bodies import Held
-from exunet.forces.reel import memory_name
+from exunet.forces.reel import discrete_name
 from exunet.net import explicit, weave
 from exunet.net.arrays import Ints, Net
 from exunet.net.closing import NAME as CLOSING
@@ -347,8 +347,8 @@ def bodies_at_start(
     if wrong:
         raise CaseError(wrong)
     tables = [scene.bodies[body.name] for body in bodies]
-    guides = tuple(
-        _guide(body, keys, restart)
+    motions = tuple(
+        _prescribed_motion(body, keys, restart)
         for body, keys in zip(bodies, tables, strict=True)
         if keys.motion != "free"
     )
@@ -359,7 +359,7 @@ def bodies_at_start(
     whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
     held = (*_on_drums(bodies, net, tied, reels), *_until_released(bodies, net, let_go, releases))
     ports = tuple(k for k, keys in enumerate(tables) if keys.motion == "port")
-    kinematics = Kinematics(len(bodies) - len(guides), guides, ports, *_attached(bodies, attached), held)
+    kinematics = Kinematics(len(bodies) - len(motions), motions, ports, *_attached(bodies, attached), held)
     whole = kinematics.all_bodies(np.array(0.0), whole)
     # Bodies in contact in another run may penetrate as far as contact allows, which it checks itself.
     touching = frozenset() if restart is None else scene.effects.touching_pairs
@@ -458,7 +458,7 @@ def _on_drums(
         number, inner = names.index(reel.body), np.array(reel.nodes[1:-1], dtype=np.int64)
         arm = bodies[number].in_principal_axes(drums[reel.nodes[0]])
         arms = np.repeat(arm[None], len(inner), axis=0)
-        found.append(Held(memory_name(reel), reel.on_drum, inner, number, arms, net.mass[inner]))
+        found.append(Held(discrete_name(reel), reel.on_drum, inner, number, arms, net.mass[inner]))
     return tuple(found)
 
 
@@ -484,23 +484,25 @@ def _start_of(body: RigidBody, keys: Body, restart: Restart | None) -> _Start:
     return position, velocity, product(frame, np.array(body.axes)), spin @ body.rotation
 
 
-def _guide(body: RigidBody, keys: Body, restart: Restart | None) -> Guide:
+def _prescribed_motion(body: RigidBody, keys: Body, restart: Restart | None) -> PrescribedMotion:
     """Return the motion of a fixed or prescribed body, or of a port at the start."""
     if keys.pose_times is None:
-        return Guide.steady(*_start_of(body, keys, restart))
+        return PrescribedMotion.steady(*_start_of(body, keys, restart))
     assert keys.pose_positions is not None
     turned = [unit_quaternion(attitude) for attitude in keys.pose_attitudes or ()]
     frames = np.array(turned or [keys.quaternion] * len(keys.pose_times))
     attitudes = product(frames, np.array(body.axes))
     offset = -body.in_principal_axes((0.0, 0.0, 0.0))
     try:
-        guide = Guide.through(np.array(keys.pose_times), np.array(keys.pose_positions), attitudes, offset)
+        motion = PrescribedMotion.through(
+            np.array(keys.pose_times), np.array(keys.pose_positions), attitudes, offset
+        )
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-        guide = None
-    if guide is None or not bool(np.isfinite(guide.position).all() and np.isfinite(guide.turning).all()):
+        motion = None
+    if motion is None or not bool(np.isfinite(motion.position).all() and np.isfinite(motion.turning).all()):
         words = "the motion through these poses exceeds the range of floating-point numbers"
         raise CaseError([Fault(f"bodies.{body.name}.pose_times", words, beyond_floats=True)])
-    return guide
+    return motion
 
 
 def _overlaps(

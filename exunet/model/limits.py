@@ -27,10 +27,10 @@ from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.bodies import rigid
 from exunet.bodies.kinematics import given_states
 from exunet.forces import cable
-from exunet.forces.blocks import AWAKE
+from exunet.forces.blocks import ACTIVE
 from exunet.forces.cable import assemble_pairs, reference_blocks, reference_spans
 from exunet.forces.cable_term import INTACT
-from exunet.forces.closing import MEMORY as LINE
+from exunet.forces.closing import STATE_NAME as LINE
 from exunet.forces.effects import EFFECTS
 from exunet.forces.terms import KernelTerm, copied
 from exunet.methods.config import SHORTEST_STEP
@@ -396,7 +396,7 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
         # Tethers are straight at the start: short ones have a fault already.
         stretch = (cable.lengths(net, position) / natural)[: net.n_net_elements]
         bounds = law.longest / natural
-        stretch *= start.memory.get(INTACT, np.ones(net.n_elements))[: net.n_net_elements]
+        stretch *= start.discrete.get(INTACT, np.ones(net.n_elements))[: net.n_net_elements]
         rate = np.linalg.norm(cable.spans(net, velocity), axis=-1) / natural
     worst = stretch / bounds[: len(stretch)]
     longest, fastest = int(np.argmax(worst)) if len(worst) else -1, int(np.argmax(rate))
@@ -434,18 +434,18 @@ def contact_faults(system: System, start: State) -> list[Fault]:
     faults = []
     x, v = system.layout.pack(start.moving)
     for term in system.forces.kernels:
-        memory = term.memory
-        if term.remember is None or memory is None or memory.wrong is None:
+        discrete = term.discrete
+        if term.remember is None or discrete is None or discrete.wrong is None:
             continue
-        if _out_of_reach(system, start, memory.name.removeprefix("contact/threads/")):
+        if _out_of_reach(system, start, discrete.name.removeprefix("contact/threads/")):
             continue  # of a large net the loops below would take seconds, as they are interpreted
         data = copied(term.data)  # work arrays included
         term.add(start.time, x, v, data, np.zeros(system.blocks.n_force))
         term.remember(start.time, x, v, data)
-        if words := memory.wrong(getattr(data, memory.kept_in)):
+        if words := discrete.wrong(getattr(data, discrete.kept_in)):
             where = words.partition(":")[0]  # without the remedy
             reason = f"invalid start: {where}: increase the distance of net and body"
-            faults.append(Fault(f"effects.{memory.name.partition('/')[0]}", reason))
+            faults.append(Fault(f"effects.{discrete.name.partition('/')[0]}", reason))
     return faults
 
 
@@ -470,12 +470,14 @@ def _attachments(system: System, ends: Ints) -> str:
 def explicit_only(system: System) -> list[str]:
     """Describe the parts of a system that implicit methods do not support."""
     words = [f"a force that acts on {name}" for name in sorted(system.forces.on_bodies)]
-    guided = [name for name, moves in zip(system.blocks.rigid, system.moves_freely, strict=True) if not moves]
-    own = {state.name for name in guided for state in given_states(name)}
+    prescribed = [
+        name for name, moves in zip(system.blocks.rigid, system.moves_freely, strict=True) if not moves
+    ]
+    own = {state.name for name in prescribed for state in given_states(name)}
     others = (state.name for state in system.blocks.states if state.name not in own)
     words += [f"a force that has first-order states ({name})" for name in others]
-    words += ["points that sleep"] * (system.blocks.awake is not None)
-    return words + [f"a body that is fixed or prescribed ({name})" for name in guided]
+    words += ["points that sleep"] * (system.blocks.active is not None)
+    return words + [f"a body that is fixed or prescribed ({name})" for name in prescribed]
 
 
 def method_faults(system: System, start: State, plan: Plan) -> list[Fault]:
@@ -485,8 +487,8 @@ def method_faults(system: System, start: State, plan: Plan) -> list[Fault]:
         advice = "use an explicit method such as DOPRI5 or RK44"
         words = explicit_only(system)
         faults = [Fault("solver.method", f"{method} does not support {part}: {advice}") for part in words]
-    awake = start.memory.get(AWAKE)
-    if awake is not None and start.velocity[awake == 0.0].any():
+    active = start.discrete.get(ACTIVE)
+    if active is not None and start.velocity[active == 0.0].any():
         faults.append(Fault("initial", "a point that sleeps must be at rest"))
     return faults
 
@@ -590,18 +592,18 @@ def describe_limit(system: System, method: Method) -> str:
 
 def _source(term: KernelTerm) -> tuple[str, str] | None:
     """Return key and name of a contact, a reel or the closing line; None of other terms."""
-    if term.memory is None:
+    if term.discrete is None:
         return None
-    heading, _, part = term.memory.name.partition("/")
+    heading, _, part = term.discrete.name.partition("/")
     if _is_contact(term):
         return f"effects.{heading}", f"the contact between {term.acts_on}"
-    if term.memory.name == LINE:
+    if term.discrete.name == LINE:
         return "closing", "the closing line"
     return (f"tethers.{heading}.reel", f"the reel of tether {heading}") if part == "reel" else None
 
 
 def _is_contact(term: KernelTerm) -> bool:
-    effect = None if term.memory is None else EFFECTS.get(term.memory.name.partition("/")[0])
+    effect = None if term.discrete is None else EFFECTS.get(term.discrete.name.partition("/")[0])
     return effect is not None and effect.COLLIDES
 
 
@@ -616,7 +618,7 @@ def _fastest(net: Net) -> tuple[str, float]:
     free[net.fixed_nodes] = 0.0
     with np.errstate(all="ignore"):
         mobility = (free / net.mass)[net.element_nodes].max(axis=1)
-        squares = cable.Law.of(net).steepest * net.axial_stiffness / net.reference_length * mobility
+        squares = cable.AxialLaw.of(net).steepest * net.axial_stiffness / net.reference_length * mobility
     element = int(np.argmax(squares))
     return _element(net, element), float(squares[element])
 

@@ -16,25 +16,25 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats, Ints
 from exunet.base.run_events import ScriptEvent
 from exunet.base.times import reached
-from exunet.forces.body_thrust import burnt, memory_name
+from exunet.forces.body_thrust import burnt, discrete_name
 from exunet.forces.cable_term import INTACT
-from exunet.forces.closing import MEMORY as LINE
+from exunet.forces.closing import STATE_NAME as LINE
 from exunet.forces.closing import LineStatus, elastic_once_slid
 from exunet.forces.contact.sphere_contact import SphereContact
-from exunet.forces.contact.status import OF_BODY, STATUS, Status
+from exunet.forces.contact.status import OF_BODY, STATUS, ContactStatus
 from exunet.forces.contact.thread_contact import ThreadContact
-from exunet.forces.corner_units import MEMORY as CONTROL
+from exunet.forces.corner_units import STATE_NAME as CONTROL
 from exunet.forces.corner_units import released, started
 from exunet.forces.effects.thrust import FACTOR, Knots, begun_at
-from exunet.forces.effects.thrust import MEMORY as THRUST
+from exunet.forces.effects.thrust import STATE_NAME as THRUST
 from exunet.forces.reel import command_name
 from exunet.forces.terms import (
     Change,
+    DiscreteState,
+    DiscreteStates,
     Input,
     KernelCall,
     KernelTerm,
-    Memories,
-    Memory,
     Seen,
     Watch,
     copied,
@@ -73,13 +73,13 @@ class Sources:
         rigid = system.blocks.rigid
         contacts = [
             name
-            for name in system.memory
+            for name in system.discrete
             if name.startswith(_CONTACT) and not name.startswith(_CONTACT + OF_BODY)
         ]
         ends = [LineStatus._fields.index(name) for name in ("tension_start", "tension_end")]
-        tensions = tuple((LINE, place) for place in ends if LINE in system.memory)
+        tensions = tuple((LINE, place) for place in ends if LINE in system.discrete)
         touching, touched = (
-            tuple((name, Status._fields.index(field) - STATUS) for name in contacts)
+            tuple((name, ContactStatus._fields.index(field) - STATUS) for name in contacts)
             for field in ("touching", "first_touch")
         )
         number = rigid.index(target) if target in rigid else None
@@ -91,7 +91,7 @@ class Sources:
         return (*self.tensions, *self.touching, *self.touched)
 
 
-class Sample:
+class EndStates:
     """Ends of k steps: states, made at their first use, and entries of discrete states (k, n).
 
     See `Seen` for `mean`.
@@ -121,7 +121,7 @@ def centre_weights(sources: Sources, names: Collection[str]) -> Floats:
     return np.zeros(0) if attached or not _OF_CENTRE.intersection(names) else weights(sources)
 
 
-def _offset(sources: Sources, sample: Sample, *, rates: bool) -> Floats:
+def _offset(sources: Sources, sample: EndStates, *, rates: bool) -> Floats:
     """Return (k, 3) vectors from the centre of mass of the target to that of the net [m], or rates [m/s]."""
     assert sources.target is not None
     states, bodies = sample.states, sample.states.bodies
@@ -133,23 +133,23 @@ def _offset(sources: Sources, sample: Sample, *, rates: bool) -> Floats:
     return np.asarray(centre - (bodies.velocity if rates else bodies.position)[:, sources.target])
 
 
-def _range(sources: Sources, sample: Sample) -> Floats:
+def _range(sources: Sources, sample: EndStates) -> Floats:
     return np.linalg.norm(_offset(sources, sample, rates=False), axis=1)
 
 
-def _relative_speed(sources: Sources, sample: Sample) -> Floats:
+def _relative_speed(sources: Sources, sample: EndStates) -> Floats:
     return np.linalg.norm(_offset(sources, sample, rates=True), axis=1)
 
 
-def _mouth_diameter(sources: Sources, sample: Sample) -> Floats:
+def _mouth_diameter(sources: Sources, sample: EndStates) -> Floats:
     return mouth_diameter(sources.system.net, sample.states.position)
 
 
-def _area(sources: Sources, sample: Sample) -> Floats:
+def _area(sources: Sources, sample: EndStates) -> Floats:
     return mouth_area(sources.system.net, sample.states.position[:, : sources.system.net.n_nodes])
 
 
-def _tether_tension(sources: Sources, sample: Sample) -> Floats:
+def _tether_tension(sources: Sources, sample: EndStates) -> Floats:
     net = sources.system.net
     first = net.n_net_elements
     i, j = net.element_nodes[first:].T
@@ -161,7 +161,7 @@ def _tether_tension(sources: Sources, sample: Sample) -> Floats:
         rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
     tension = law.tension(length, rate)
     for winding in sources.system.forces.cable.reels:
-        element, _, pull = winding.outlets(sample.states.memory, sample.states.x, sample.states.v)
+        element, _, pull = winding.outlets(sample.states.discrete, sample.states.x, sample.states.v)
         tension[:, element - first] = pull
     return np.asarray(tension.max(axis=1))
 
@@ -171,21 +171,21 @@ def _by_columns(ufunc: Callable[..., Floats], values: Floats, initial: float) ->
     return reduce(ufunc, values.T, np.full(len(values), initial))
 
 
-def _closing_tension(sources: Sources, sample: Sample) -> Floats:
+def _closing_tension(sources: Sources, sample: EndStates) -> Floats:
     reported = sample.reported[:, : len(sources.tensions)]
     return _by_columns(np.maximum, reported, 0.0)
 
 
-def _touching(sources: Sources, sample: Sample) -> Floats:
+def _touching(sources: Sources, sample: EndStates) -> Floats:
     first = len(sources.tensions)
     return _by_columns(np.add, sample.reported[:, first : first + len(sources.touching)], 0.0)
 
 
-def _time(sources: Sources, sample: Sample) -> Floats:
+def _time(sources: Sources, sample: EndStates) -> Floats:
     return sample.states.time
 
 
-VALUES: Mapping[str, Callable[[Sources, Sample], Floats]] = {
+VALUES: Mapping[str, Callable[[Sources, EndStates], Floats]] = {
     "time": _time,
     "range": _range,
     "relative_speed": _relative_speed,
@@ -195,7 +195,7 @@ VALUES: Mapping[str, Callable[[Sources, Sample], Floats]] = {
     "closing_tension": _closing_tension,
     "touching": _touching,
 }
-DIFFERENCES: Mapping[str, Callable[[Sources, Sample, float], Floats]] = {
+DIFFERENCES: Mapping[str, Callable[[Sources, EndStates, float], Floats]] = {
     "mouth_diameter": lambda sources, sample, bound: mouth_against(
         sources.system.net, sample.states.position, bound
     ),
@@ -230,13 +230,13 @@ def _entries(nodes: Iterable[int], points: int, size: int) -> Ints:
     return np.array([*of_nodes, *range(points, size)], dtype=np.int64)
 
 
-def observed_memories(system: System) -> tuple[str, ...]:
+def observed_discrete_states(system: System) -> tuple[str, ...]:
     """Return the discrete states that quantities depend on: of threads, reels, and points held by bodies."""
     threads = system.forces.cable
-    kept = [] if threads.memory is None else [threads.memory.name]
+    kept = [] if threads.discrete is None else [threads.discrete.name]
     for winding in threads.reels:
-        kept += [name for name in system.memory if name in (f"{winding.name}/reel", f"reel/{winding.name}")]
-    return tuple(dict.fromkeys((*kept, *(item.memory for item in system.kinematics.held))))
+        kept += [name for name in system.discrete if name in (f"{winding.name}/reel", f"reel/{winding.name}")]
+    return tuple(dict.fromkeys((*kept, *(item.discrete for item in system.kinematics.held))))
 
 
 MAX_ACTIVATIONS = 100  # of an entry with `repeat`
@@ -248,7 +248,7 @@ WAITING, ARMED, DONE, RESTING, BARRED, HOLDING = map(float, range(6))
 _EVALUATED = (ARMED, RESTING, HOLDING)
 
 
-class Row(NamedTuple):
+class EntryState(NamedTuple):
     """Discrete state of an entry.
 
     state : WAITING for its time or for another entry; ARMED: its condition is evaluated; DONE; RESTING until
@@ -267,7 +267,7 @@ class Row(NamedTuple):
     true: float = 0.0
 
 
-WIDTH = len(Row._fields)
+WIDTH = len(EntryState._fields)
 
 
 def interpolated(begin: Seen, end: Seen, part: float, moved: int) -> Seen:
@@ -286,7 +286,7 @@ def interpolated(begin: Seen, end: Seen, part: float, moved: int) -> Seen:
     x[:, :moved] += s**3 * (h * (v0 + v1) - 2.0 * change)
     v[:, :moved] = v0 + s * (6.0 * change / h - 4.0 * v0 - 2.0 * v1)
     v[:, :moved] += s**2 * (3.0 * (v0 + v1) - 6.0 * change / h)
-    return Seen(begin.time + s * h, x, v, end.memory, end.reported)
+    return Seen(begin.time + s * h, x, v, end.discrete, end.reported)
 
 
 def input_name(parameter: str) -> str:
@@ -311,7 +311,7 @@ def with_inputs(forces: Forces, entries: Iterable[ScriptEntry]) -> Forces:
 def _with_friction(term: KernelTerm, names: frozenset[str]) -> KernelTerm:
     data: Any = term.data
     touches = isinstance(data, ThreadContact | SphereContact)
-    drawn = term.memory is not None and term.memory.name == LINE
+    drawn = term.discrete is not None and term.discrete.name == LINE
     name = input_name(_FRICTION[0] if touches else _FRICTION[1])
     if not (touches or drawn) or name not in names:
         return term
@@ -320,7 +320,7 @@ def _with_friction(term: KernelTerm, names: frozenset[str]) -> KernelTerm:
 
 
 def changed(
-    system: System, parameter: str, value: float, now: tuple[float, Floats, Floats], every: Memories
+    system: System, parameter: str, value: float, now: tuple[float, Floats, Floats], every: DiscreteStates
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the keyword arguments of the `Change` by a new value of a parameter, and keys of its event.
 
@@ -357,7 +357,7 @@ def _slid(
     system: System,
     friction: float,
     now: tuple[float, Floats, Floats],
-    every: Memories,
+    every: DiscreteStates,
     what: dict[str, Any],
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the change of a closing line that slides at once under less friction."""
@@ -365,7 +365,9 @@ def _slid(
     moving = system.layout.unpack(x.copy(), v.copy()).completed(system.kinematics, time, every)
     x, v = system.layout.pack(moving)
     (term,) = (
-        kernel for kernel in system.forces.kernels if kernel.memory is not None and kernel.memory.name == LINE
+        kernel
+        for kernel in system.forces.kernels
+        if kernel.discrete is not None and kernel.discrete.name == LINE
     )
     line: Any = copied(term.data_at(every)[0])
     taken = elastic_once_slid(x, line, line.friction) - elastic_once_slid(x, line, friction)
@@ -390,46 +392,46 @@ class ScriptEvents(Watch):
         self._names = [entry.condition_name for entry in entries]
         self._numbers = {entry.name: k for k, entry in enumerate(entries)}
         self._size = WIDTH * len(entries) + 1
-        self.sees, self.reports = observed_memories(sources.system), sources.reports
+        self.sees, self.reports = observed_discrete_states(sources.system), sources.reports
         self.of_x, self.of_v = observed_entries(sources, set(self._names))
         self.weights = centre_weights(sources, set(self._names))
-        self._ends = np.cumsum([self._size, *(len(sources.system.memory[name]) for name in self.sees)])
-        terms = (term for term in sources.system.forces if term.memory and term.memory.name == THRUST)
+        self._ends = np.cumsum([self._size, *(len(sources.system.discrete[name]) for name in self.sees)])
+        terms = (term for term in sources.system.forces if term.discrete and term.discrete.name == THRUST)
         knots = [term.switch.knots for term in terms if isinstance(term.switch, Knots)]
         self._knots = np.array([time for times in knots for time in times])
         self._came_true: dict[int, float] = {}  # when [s]
         self._key: bytes = b""
-        self._decoded: tuple[list[Row], list[tuple[int, Row]]] = [], []
+        self._decoded: tuple[list[EntryState], list[tuple[int, EntryState]]] = [], []
         self._nothing_at = -math.inf  # [s] at which no condition holds
 
     # Discrete state
 
-    def _read(self, memory: Floats) -> tuple[list[Row], list[tuple[int, Row]]]:
+    def _read(self, discrete: Floats) -> tuple[list[EntryState], list[tuple[int, EntryState]]]:
         """Decode all rows, and those with a condition to evaluate; cached by the discrete state."""
-        key = memory[: self._size].tobytes()
+        key = discrete[: self._size].tobytes()
         if key != self._key:
-            rows = [Row(*values) for values in memory[: self._size - 1].reshape(-1, WIDTH).tolist()]
+            rows = [EntryState(*values) for values in discrete[: self._size - 1].reshape(-1, WIDTH).tolist()]
             watched = [
                 (k, row) for k, row in enumerate(rows) if row.state in _EVALUATED and self._conditions[k]
             ]
             self._key, self._decoded = key, (rows, watched)
         return self._decoded
 
-    def _rows(self, memory: Floats) -> list[Row]:
-        return self._read(memory)[0]
+    def _rows(self, discrete: Floats) -> list[EntryState]:
+        return self._read(discrete)[0]
 
-    def _watched(self, memory: Floats) -> list[tuple[int, Row]]:
-        return self._read(memory)[1]
+    def _watched(self, discrete: Floats) -> list[tuple[int, EntryState]]:
+        return self._read(discrete)[1]
 
-    def stops(self, memory: Floats) -> bool:
+    def stops(self, discrete: Floats) -> bool:
         """Return True once an entry has ended the run."""
-        return bool(memory[self._size - 1])
+        return bool(discrete[self._size - 1])
 
-    def in_steps(self, memory: Floats) -> bool:
+    def in_steps(self, discrete: Floats) -> bool:
         """Return True while a condition is evaluated."""
-        return bool(self._watched(memory))
+        return bool(self._watched(discrete))
 
-    def _moment(self, entry: ScriptEntry, rows: list[Row]) -> float:
+    def _moment(self, entry: ScriptEntry, rows: list[EntryState]) -> float:
         """Return the time from which an entry may happen [s]; infinite while unknown."""
         if entry.at is not None:
             return entry.at
@@ -438,9 +440,9 @@ class ScriptEvents(Watch):
         other = rows[self._numbers[entry.after]]
         return other.since + entry.delay if other.times else math.inf
 
-    def instants(self, memory: Floats) -> tuple[float, ...]:
+    def instants(self, discrete: Floats) -> tuple[float, ...]:
         """Return the times at which entries are armed, and knots of thrusts that have started [s]."""
-        rows = self._rows(memory)
+        rows = self._rows(discrete)
         pairs = list(zip(rows, self._entries, strict=True))
         armed = (self._moment(entry, rows) for row, entry in pairs if row.state == WAITING)
         thrusts = (row.since for row, entry in pairs if row.state == DONE and begins_a_thrust((entry,)))
@@ -455,20 +457,20 @@ class ScriptEvents(Watch):
         completed : if False, velocities of attached points and prescribed bodies may be those of a stage
         """
         system, ends = self._sources.system, self._ends
-        observed = (steps.memory[a:b] for a, b in pairwise(ends))
-        memory = system.memory | dict(zip(self.sees, observed, strict=True))
-        states = States(system, steps.time, steps.x, steps.v, memory)
+        observed = (steps.discrete[a:b] for a, b in pairwise(ends))
+        discrete = system.discrete | dict(zip(self.sees, observed, strict=True))
+        states = States(system, steps.time, steps.x, steps.v, discrete)
         return states.completed() if completed else states
 
-    def _now(self, time: float, x: Floats, v: Floats, memory: Floats) -> Seen:
+    def _now(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Seen:
         """Return one state as the end of a step."""
-        reported = memory[None, len(memory) - len(self.reports) :]
-        return Seen(np.array([time]), x[None], v[None], memory, reported)
+        reported = discrete[None, len(discrete) - len(self.reports) :]
+        return Seen(np.array([time]), x[None], v[None], discrete, reported)
 
-    def _look(self, steps: Seen, *, completed: bool = True) -> Sample:
-        return Sample(lambda: self._states(steps, completed=completed), steps.reported, steps.mean)
+    def _look(self, steps: Seen, *, completed: bool = True) -> EndStates:
+        return EndStates(lambda: self._states(steps, completed=completed), steps.reported, steps.mean)
 
-    def _beyond(self, number: int, row: Row, sample: Sample, *, signs: bool = False) -> Floats:
+    def _beyond(self, number: int, row: EntryState, sample: EndStates, *, signs: bool = False) -> Floats:
         """Return (k,) numbers above 0 where a condition holds, in the unit of its quantity.
 
         signs : only the signs are needed
@@ -491,16 +493,16 @@ class ScriptEvents(Watch):
             beyond = np.where(rests, -np.abs(beyond), beyond)
         return np.asarray(beyond)
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
         """Find the first entry to arm, to activate, or whose rest ends.
 
         Of due entries, the entry whose condition became true first.
         """
-        rows = self._rows(memory)
+        rows = self._rows(discrete)
         for k, (row, entry) in enumerate(zip(rows, self._entries, strict=True)):
             if row.state == WAITING and reached(time, self._moment(entry, rows)):
                 return np.array([k])
-        sample: Sample | None = None
+        sample: EndStates | None = None
         due: list[int] = []
         for k, (row, entry) in enumerate(zip(rows, self._entries, strict=True)):
             if row.state not in _EVALUATED:
@@ -509,23 +511,23 @@ class ScriptEvents(Watch):
             if over or entry.when is None or self._is_barred(entry, rows):
                 due.append(k)
             elif time != self._nothing_at:
-                sample = sample or self._look(self._now(time, x, v, memory))
+                sample = sample or self._look(self._now(time, x, v, discrete))
                 if (self._beyond(k, row, sample, signs=True)[0] > 0.0) == (row.state == ARMED):
                     due.append(k)
         if not due:
             return _NOTHING
         return np.array([min(due, key=lambda k: (self._came_true.get(k, time), k))])
 
-    def _until(self, number: int, row: Row) -> float:
+    def _until(self, number: int, row: EntryState) -> float:
         """Return until when a condition must stay true [s]."""
         return row.true + (self._entries[number].hold or 0.0)
 
-    def _is_barred(self, entry: ScriptEntry, rows: list[Row]) -> bool:
+    def _is_barred(self, entry: ScriptEntry, rows: list[EntryState]) -> bool:
         return entry.unless is not None and rows[self._numbers[entry.unless]].times > 0.0
 
     def comes_true(self, steps: Seen) -> int | None:
         """Find the first step at whose end a condition holds, or that of a resting entry does not."""
-        watched = self._watched(steps.memory)
+        watched = self._watched(steps.discrete)
         speeds = any(self._names[k] in OF_VELOCITIES for k, _ in watched)
         sample = self._look(steps, completed=speeds)
         true = np.zeros(len(steps.time), dtype=bool)
@@ -540,12 +542,12 @@ class ScriptEvents(Watch):
     def remembered(self, steps: Seen) -> Floats | None:
         """Return the discrete state with the largest area so far; None if unchanged."""
         after = None
-        for k, row in self._watched(steps.memory):
+        for k, row in self._watched(steps.discrete):
             if self._entries[k].when == "largest_area":
                 area = float(VALUES["area"](self._sources, self._look(steps, completed=False)).max())
                 if area > row.value:
-                    after = steps.memory[: self._size].copy() if after is None else after
-                    after[WIDTH * k + Row._fields.index("value")] = area
+                    after = steps.discrete[: self._size].copy() if after is None else after
+                    after[WIDTH * k + EntryState._fields.index("value")] = area
         return after
 
     # Crossings within a step
@@ -567,7 +569,7 @@ class ScriptEvents(Watch):
 
     def _crossings(self, begin: Seen, end: Seen) -> dict[int, float]:
         """Return when conditions became true in a step [s], by entry."""
-        armed = [(k, row) for k, row in self._watched(begin.memory) if row.state == ARMED]
+        armed = [(k, row) for k, row in self._watched(begin.discrete) if row.state == ARMED]
         crossings: dict[int, float] = {}
         if not armed:
             return crossings
@@ -581,7 +583,9 @@ class ScriptEvents(Watch):
                     crossings[k] = self._root(k, row, (begin, end), (before, after))
         return crossings
 
-    def _root(self, number: int, row: Row, step: tuple[Seen, Seen], ends: tuple[float, float]) -> float:
+    def _root(
+        self, number: int, row: EntryState, step: tuple[Seen, Seen], ends: tuple[float, float]
+    ) -> float:
         """Locate a crossing by the cubic Hermite polynomial of the step; linearly for `closing_tension`."""
         begin, end = (float(state.time[0]) for state in step)
         if self._names[number] == "closing_tension":
@@ -601,24 +605,24 @@ class ScriptEvents(Watch):
     # Actions
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
         """Arm or activate an entry; others may be due at the same time."""
-        k, rows = int(items[0]), self._rows(memory)
+        k, rows = int(items[0]), self._rows(discrete)
         entry, row = self._entries[k], rows[k]
         self._nothing_at = -math.inf
         if row.state == WAITING:
-            return self._put(memory, k, row._replace(state=ARMED, since=time))
+            return self._put(discrete, k, row._replace(state=ARMED, since=time))
         if self._is_barred(entry, rows):
             event = self._event(entry, time, f"not done: {entry.unless} has happened")
-            return self._put(memory, k, row._replace(state=BARRED), events=(event,))
+            return self._put(discrete, k, row._replace(state=BARRED), events=(event,))
         if row.state == RESTING:
-            return self._put(memory, k, row._replace(state=ARMED))
+            return self._put(discrete, k, row._replace(state=ARMED))
         if entry.hold is not None and row.state == ARMED:
-            return self._put(memory, k, row._replace(state=HOLDING, true=self._came_true.pop(k, time)))
+            return self._put(discrete, k, row._replace(state=HOLDING, true=self._came_true.pop(k, time)))
         if row.state == HOLDING:
-            if self._beyond(k, row, self._look(self._now(time, x, v, memory)))[0] <= 0.0:
-                return self._put(memory, k, row._replace(state=ARMED))
+            if self._beyond(k, row, self._look(self._now(time, x, v, discrete)))[0] <= 0.0:
+                return self._put(discrete, k, row._replace(state=ARMED))
             self._came_true[k] = row.true
         times, state = row.times + 1.0, RESTING if entry.repeat else DONE
         words = "; ".join((entry.action_words, *self._remarks(k, rows, time, every)))
@@ -630,7 +634,7 @@ class ScriptEvents(Watch):
             events.append(replace(self._event(entry, time, words), used_up=True))
         row = row._replace(state=state, since=time, times=times)
         if entry.condition_name in QUANTITIES:
-            now = self._look(self._now(time, x, v, memory))
+            now = self._look(self._now(time, x, v, discrete))
             value = VALUES[entry.condition_name](self._sources, now)
             row = row._replace(value=float(value[0]))
         if entry.when is not None:
@@ -653,7 +657,7 @@ class ScriptEvents(Watch):
         elif entry.action.on == "body":
             assert entry.on is not None
             duration = math.inf if entry.duration is None else entry.duration
-            what["others"] = {memory_name(entry.on): burnt(time, duration, *entry.load)}
+            what["others"] = {discrete_name(entry.on): burnt(time, duration, *entry.load)}
         elif entry.do == "thrust":
             what["others"] = {THRUST: begun_at(time, self._knots, float(every[THRUST][FACTOR]))}
         elif entry.do == "set":
@@ -670,9 +674,11 @@ class ScriptEvents(Watch):
             what["others"] = {HELD: np.array([every[HELD][NODES], 1.0])}
         else:
             what["others"] = self._commands(entry)
-        return self._put(memory, k, row, events=(replace(events[0], **details), *events[1:]), **what)
+        return self._put(discrete, k, row, events=(replace(events[0], **details), *events[1:]), **what)
 
-    def _remarks(self, number: int, rows: list[Row], time: float, every: Memories) -> Iterator[str]:
+    def _remarks(
+        self, number: int, rows: list[EntryState], time: float, every: DiscreteStates
+    ) -> Iterator[str]:
         """Yield remarks on an entry: that it replaces a command, or has no effect."""
         entry, ties = self._entries[number], self._sources.system.kinematics.ties
         for k, (row, other) in enumerate(zip(rows, self._entries, strict=True)):
@@ -683,7 +689,7 @@ class ScriptEvents(Watch):
         if entry.do == "eject" and (not every[HELD][NODES] or every[HELD][LET_GO]):
             yield "no effect: the net has already been ejected"
         for name, tie in ties.items():
-            if every[tie.memory][0]:
+            if every[tie.discrete][0]:
                 continue
             if name == entry.tie:
                 yield "no effect: already released"
@@ -695,12 +701,12 @@ class ScriptEvents(Watch):
         assert entry.on is not None
         return self._sources.system.net.tether_elements[entry.on].start
 
-    def _release(self, tie: str, time: float, x: Floats, v: Floats, every: Memories) -> dict[str, Any]:
+    def _release(self, tie: str, time: float, x: Floats, v: Floats, every: DiscreteStates) -> dict[str, Any]:
         """Release a point with its velocity on the body, which conserves momenta and energy."""
         system = self._sources.system
         moving = system.layout.unpack(x.copy(), v.copy()).completed(system.kinematics, time, every)
         x, v = system.layout.pack(moving)
-        return {"x": x, "v": v, "others": {system.kinematics.ties[tie].memory: np.zeros(1)}}
+        return {"x": x, "v": v, "others": {system.kinematics.ties[tie].discrete: np.zeros(1)}}
 
     def _commands(self, entry: ScriptEntry) -> dict[str, Floats]:
         """Return the input of the drive that an entry commands."""
@@ -710,8 +716,8 @@ class ScriptEvents(Watch):
         values = [1.0, drive.rate, drive.force, drive.gives]
         return {command_name(entry.drive): np.array(values)}
 
-    def _put(self, memory: Floats, number: int, row: Row, **what: Any) -> Change:
-        after = memory[: self._size].copy()
+    def _put(self, discrete: Floats, number: int, row: EntryState, **what: Any) -> Change:
+        after = discrete[: self._size].copy()
         after[WIDTH * number : WIDTH * (number + 1)] = np.array(row)
         stops = bool(what.get("stops"))
         after[-1] = max(after[-1], float(stops))
@@ -739,7 +745,7 @@ class Script:
     has_potential: bool = field(default=False, init=False)
     damping_rate: float = field(default=0.0, init=False)
 
-    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+    def data_at(self, discrete: DiscreteStates) -> tuple[tuple[Any, ...], ...]:
         """Return no data: the term does not have calls."""
         return ()
 
@@ -748,10 +754,10 @@ class Script:
         yield from ()
 
     @property
-    def memory(self) -> Memory:
-        """Discrete state: a `Row` of each entry, then 1.0 once the run has ended."""
-        rows = [Row(WAITING, 0.0, 0.0, 0.0) for _ in self.entries]
-        return Memory("script/entries", np.append(np.array(rows).ravel(), 0.0), in_steps=True)
+    def discrete(self) -> DiscreteState:
+        """Discrete state: a `EntryState` of each entry, then 1.0 once the run has ended."""
+        rows = [EntryState(WAITING, 0.0, 0.0, 0.0) for _ in self.entries]
+        return DiscreteState("script/entries", np.append(np.array(rows).ravel(), 0.0), in_steps=True)
 
     @property
     def switch(self) -> ScriptEvents:

@@ -15,10 +15,10 @@ from exunet.base.arrays import Floats
 from exunet.bodies import rigid
 from exunet.bodies.rigid import RigidStates
 from exunet.forces import cable
-from exunet.forces.cable import Law
+from exunet.forces.cable import AxialLaw
 from exunet.forces.law import green_lagrange_strain
 from exunet.model import energy
-from exunet.model.system import Memories, Moving, State, System
+from exunet.model.system import DiscreteStates, Moving, State, System
 
 Selection = slice | NDArray[np.int64] | NDArray[np.bool_]
 
@@ -27,7 +27,7 @@ class States:
     """States of a system at times (k,) [s] with the same discrete states, in flat arrays.
 
     x, v   : (k, n_x), (k, n_v), see `exunet.forces.blocks`
-    memory : discrete states, by name
+    discrete : discrete states, by name
     taken  : (k,) energy [J] that terms without a potential have dissipated, where the stepper sums it
     """
 
@@ -37,17 +37,17 @@ class States:
         time: Floats,
         x: Floats,
         v: Floats,
-        memory: Memories,
+        discrete: DiscreteStates,
         taken: Floats | None = None,
     ) -> None:
         self.system, self.time, self.x, self.v = system, time, x, v
-        self.memory, self.taken = memory, taken
+        self.discrete, self.taken = discrete, taken
 
     @classmethod
     def of(cls, system: System, state: State) -> States:
         """Make a batch of one state."""
         x, v = system.layout.pack(state.moving)
-        return cls(system, np.array([state.time]), x[None], v[None], state.memory)
+        return cls(system, np.array([state.time]), x[None], v[None], state.discrete)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -55,7 +55,7 @@ class States:
     def __getitem__(self, rows: Selection) -> States:
         """Select states, with the quantities that were computed of all."""
         taken = None if self.taken is None else self.taken[rows]
-        part = States(self.system, self.time[rows], self.x[rows], self.v[rows], self.memory, taken)
+        part = States(self.system, self.time[rows], self.x[rows], self.v[rows], self.discrete, taken)
         for name in _SERIES:
             if name in self.__dict__:
                 part.__dict__[name] = self.__dict__[name][rows]
@@ -64,15 +64,15 @@ class States:
     def state(self, row: int) -> State:
         """Copy one of the states."""
         moving = self.system.layout.unpack(self.x[row].copy(), self.v[row].copy())
-        return State.of(float(self.time[row]), moving, self.memory)
+        return State.of(float(self.time[row]), moving, self.discrete)
 
     def completed(self) -> States:
         """Return the states with prescribed bodies and attached points set."""
         system = self.system
         if not system.kinematics:
             return self
-        moving = self.moving.completed(system.kinematics, self.time, self.memory)
-        return States(system, self.time, *system.layout.pack(moving), self.memory, self.taken)
+        moving = self.moving.completed(system.kinematics, self.time, self.discrete)
+        return States(system, self.time, *system.layout.pack(moving), self.discrete, self.taken)
 
     @cached_property
     def moving(self) -> Moving:
@@ -103,9 +103,9 @@ class States:
         return self.moving.first_order
 
     @cached_property
-    def law(self) -> Law:
+    def law(self) -> AxialLaw:
         """Cable law of the intact elements."""
-        return energy.law_of(self.system.forces, self.memory)
+        return energy.law_of(self.system.forces, self.discrete)
 
     @cached_property
     def length(self) -> Floats:
@@ -132,7 +132,7 @@ class States:
     @cached_property
     def elsewhere(self) -> list[tuple[Any, Floats, Floats]]:
         """Elements of other terms (outlets of reels, a shortened edge) with their strain and tension."""
-        return list(self.system.forces.cable.seen_elsewhere(self.memory, self.x, self.v))
+        return list(self.system.forces.cable.seen_elsewhere(self.discrete, self.x, self.v))
 
     @cached_property
     def elastic(self) -> Floats:
@@ -142,7 +142,7 @@ class States:
     @cached_property
     def potential(self) -> Floats:
         """(k,) potential energy of the terms [J]."""
-        return energy.potential(self.system.forces, self.x, self.memory)
+        return energy.potential(self.system.forces, self.x, self.discrete)
 
     @cached_property
     def squared_speed(self) -> Floats:
@@ -188,7 +188,7 @@ class States:
         """Compute (k - 1,) energies [J] dissipated by terms without a potential between the states."""
         if not self.system.forces.dissipates:
             return np.zeros(len(self) - 1)
-        return energy.work_taken(self.system, self.time, self.x, self.v, self.memory)
+        return energy.work_taken(self.system, self.time, self.x, self.v, self.discrete)
 
     @cached_property
     def given_work(self) -> Floats:

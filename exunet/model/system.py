@@ -14,8 +14,8 @@ from exunet.base.arrays import Floats
 from exunet.base.run_events import NetEjected
 from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidBody, RigidStates
-from exunet.forces.blocks import AWAKE, Blocks
-from exunet.forces.terms import Input, Memories
+from exunet.forces.blocks import ACTIVE, Blocks
+from exunet.forces.terms import DiscreteStates, Input
 from exunet.forces.total import Forces
 from exunet.net.arrays import Net
 from exunet.net.closing import LineThroughRings
@@ -85,7 +85,7 @@ class System:
     @cached_property
     def moves_freely(self) -> NDArray[np.bool_]:
         """(n_bodies,) False for prescribed bodies."""
-        return np.arange(len(self.bodies)) < len(self.bodies) - len(self.kinematics.guides)
+        return np.arange(len(self.bodies)) < len(self.bodies) - len(self.kinematics.motions)
 
     @cached_property
     def body_mass(self) -> Floats:
@@ -116,13 +116,13 @@ class System:
         free[self.kinematics.point] = False
         return free
 
-    def moving(self, memory: Memories) -> Floats | None:
+    def moving(self, discrete: DiscreteStates) -> Floats | None:
         """Return (n_points,) 0.0 for points that sleep or are held by bodies, else 1.0; None if all move."""
-        awake = memory.get(AWAKE)
+        active = discrete.get(ACTIVE)
         if not self.kinematics.held:
-            return awake
-        moving = np.ones(self.blocks.n_points) if awake is None else awake.copy()
-        moving[self.kinematics.holds(memory)] = 0.0
+            return active
+        moving = np.ones(self.blocks.n_points) if active is None else active.copy()
+        moving[self.kinematics.holds(discrete)] = 0.0
         return moving
 
     @cached_property
@@ -144,8 +144,8 @@ class System:
     @cached_property
     def held(self) -> NDArray[np.int64]:
         """Points with prescribed motion: fixed nodes, and nodes attached to prescribed bodies."""
-        guided = self.kinematics.point[~self.moves_freely[self.kinematics.body]]
-        return np.concatenate([self.net.fixed_nodes, guided])
+        prescribed = self.kinematics.point[~self.moves_freely[self.kinematics.body]]
+        return np.concatenate([self.net.fixed_nodes, prescribed])
 
     @property
     def lost_at_start(self) -> float:
@@ -173,13 +173,13 @@ class System:
         return np.array([state.gives for state in self.blocks.states for _ in state.initial], dtype=float)
 
     @cached_property
-    def memory(self) -> dict[str, Floats]:
-        """Discrete states of the terms, inputs, and points that are awake, at the start, by name."""
-        memories = (term.memory for term in self.forces.memories)
-        initial = {memory.name: memory.initial for memory in memories if memory is not None}
-        if self.blocks.awake is not None:
-            initial[AWAKE] = self.blocks.awake
-        initial |= {tie.memory: np.array([float(tie.start)]) for tie in self.kinematics.ties.values()}
+    def discrete(self) -> dict[str, Floats]:
+        """Discrete states of the terms, inputs, and points that are active, at the start, by name."""
+        discrete_states = (term.discrete for term in self.forces.discrete_states)
+        initial = {discrete.name: discrete.initial for discrete in discrete_states if discrete is not None}
+        if self.blocks.active is not None:
+            initial[ACTIVE] = self.blocks.active
+        initial |= {tie.discrete: np.array([float(tie.start)]) for tie in self.kinematics.ties.values()}
         return initial | {name: value.initial for name, value in self.inputs.items()}
 
     @cached_property
@@ -200,7 +200,7 @@ class State:
     time               : [s]
     position, velocity : (n_points, 3) [m], [m/s]
     bodies             : states of the rigid bodies
-    memory             : discrete states of the terms, by name
+    discrete             : discrete states of the terms, by name
     first_order        : (n_states,) first-order states of the terms
     """
 
@@ -208,13 +208,13 @@ class State:
     position: Floats
     velocity: Floats
     bodies: RigidStates = field(default_factory=RigidStates.none)
-    memory: Memories = field(default_factory=dict)
+    discrete: DiscreteStates = field(default_factory=dict)
     first_order: Floats = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
-    def of(cls, time: float, moving: Moving, memory: Memories) -> State:
+    def of(cls, time: float, moving: Moving, discrete: DiscreteStates) -> State:
         """Make a state; the arrays are not copied."""
-        return cls(time, moving.position, moving.velocity, moving.bodies, memory, moving.first_order)
+        return cls(time, moving.position, moving.velocity, moving.bodies, discrete, moving.first_order)
 
     @property
     def moving(self) -> Moving:
@@ -230,16 +230,16 @@ class State:
             "velocity": self.velocity,
             "first_order": self.first_order,
             **{f"bodies/{name}": part for name, part in parts},
-            **{f"memory/{name}": values for name, values in self.memory.items()},
+            **{f"discrete/{name}": values for name, values in self.discrete.items()},
         }
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Floats]) -> State:
         """Make a state from `arrays`."""
         bodies = RigidStates(*(arrays[f"bodies/{name}"] for name in _OF_BODIES))
-        memory = {name[7:]: values for name, values in arrays.items() if name.startswith("memory/")}
+        discrete = {name[7:]: values for name, values in arrays.items() if name.startswith("discrete/")}
         moving = Moving(arrays["position"], arrays["velocity"], bodies, arrays["first_order"])
-        return cls.of(float(arrays["time"]), moving, memory)
+        return cls.of(float(arrays["time"]), moving, discrete)
 
     def at(self, position: Floats, velocity: Floats) -> State:
         """Return the state with other positions and velocities of the points."""
@@ -259,11 +259,11 @@ class Moving(NamedTuple):
     bodies: RigidStates
     first_order: Floats
 
-    def completed(self, kinematics: Kinematics, time: float | Floats, memory: Memories) -> Moving:
+    def completed(self, kinematics: Kinematics, time: float | Floats, discrete: DiscreteStates) -> Moving:
         """Return the state at times (...) [s] with prescribed bodies and attached points set."""
         if not kinematics:
             return self
-        return Moving(*kinematics.completed(np.asarray(time), *self[:3], memory), self.first_order)
+        return Moving(*kinematics.completed(np.asarray(time), *self[:3], discrete), self.first_order)
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,9 +301,9 @@ class Layout:
         )
         return Moving(rows(x[..., :points], 3), rows(v[..., :points], 3), bodies, x[..., turned:])
 
-    def inverse_mass(self, system: System, memory: Memories) -> Floats:
-        """Return (n_force,) 1 / mass or 1 / inertia: 0 if held or asleep, 1 for first-order states."""
-        moving = system.moving(memory)
+    def inverse_mass(self, system: System, discrete: DiscreteStates) -> Floats:
+        """Return (n_force,) 1 / mass or 1 / inertia: 0 if held or inactive, 1 for first-order states."""
+        moving = system.moving(discrete)
         points = np.repeat(system.free * (1.0 if moving is None else moving) / self.blocks.mass, 3)
         moves = system.moves_freely
         bodies = np.repeat(moves / system.body_mass, 3), (moves[:, None] / system.body_inertia).ravel()

@@ -22,7 +22,7 @@ from exunet.net.arrays import Net, edge_of
 from exunet.net.base import NodeConfig, NodeName
 from exunet.net.drive import Drive, DriveConfig, softest
 
-NAME = "closing"  # of the line in states, memories, events and commands
+NAME = "closing"  # of the line in states, discrete states, events and commands
 SLOWS = 0.01  # of the length: the way before a limit in which the winch slows down
 
 

@@ -24,7 +24,7 @@ from exunet.base.files import replacing
 from exunet.base.times import reached
 from exunet.plots.nets import evenly_spaced, line_width
 from exunet.plots.scene_3d import draw, draw_scale, entries, prepare, scene_3d
-from exunet.plots.style import SMALL, Source, drawing, legend_above, new_figure
+from exunet.plots.style import SMALL, FigureData, drawing, legend_above, new_figure
 from exunet.results.penetration import contacts_at
 from exunet.results.result import Result
 
@@ -126,7 +126,7 @@ class _Frame:
         sample = [chosen[k] for k in evenly_spaced(result.time[chosen], min(len(chosen), _VIEWED))]
         self._scene = scene_3d(result, sample)
         (x, y), width = self._scene.camera.half, 170.0
-        self.figure = new_figure(Source(result), min(150.0, 12.0 + (width - 25.0) * y / x), "compressed")
+        self.figure = new_figure(FigureData(result), min(150.0, 12.0 + (width - 25.0) * y / x), "compressed")
         self._axes = self.figure.subplots()
         prepare(self._axes, self._scene)
         top = max(float(np.max(result.tension[k], initial=0.0)) for k in chosen)

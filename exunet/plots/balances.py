@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from exunet.base.arrays import Floats
-from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, Source, curve_styles
+from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, FigureData, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, fill, finish, stacked_axes
 from exunet.results import measures as metrics
 from exunet.results.ensemble import directions
@@ -37,7 +37,7 @@ _RESOLVED = 1e-9  # of the sums of |m v| and |m x x v|: smaller changes are roun
 _MOMENTA = {"linear": ("momentum", "kg m/s"), "angular": ("angular momentum about the origin", "kg m²/s")}
 
 
-def energies(source: Source) -> Figure | None:
+def energies(source: FigureData) -> Figure | None:
     """Changes of the energies since the first stored time; below, the error of their balance.
 
     Kinetic, elastic and potential energy, and the part of it that contacts store; the dissipation and the
@@ -125,7 +125,7 @@ def _labels(axes: Axes) -> list[str]:
     return axes.get_legend_handles_labels()[1]
 
 
-def momentum(source: Source) -> Figure | None:
+def momentum(source: FigureData) -> Figure | None:
     """Changes of momentum and of angular momentum about the scene's origin, of each body and the net.
 
     With the impulses of external effects and of bodies of prescribed motion, and the parts less the impulses,

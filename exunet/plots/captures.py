@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from exunet.base.arrays import Floats
 from exunet.forces.contact.status import ContactKey
 from exunet.net.areas import mouth_diameter
-from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, Source, curve_styles
+from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, FigureData, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, finish, from_zero, stacked_axes
 from exunet.results.observables import EDGE, LINE
 from exunet.results.result import Result, over_blocks
@@ -34,7 +34,7 @@ _CAPTURE = (
 )
 
 
-def contacts(source: Source) -> Figure | None:
+def contacts(source: FigureData) -> Figure | None:
     """Number of elements, nodes, bullets, and corners and edges of bodies that touch each body; their forces.
 
     Of more than eight pairs those with the largest forces.
@@ -62,7 +62,7 @@ def contacts(source: Source) -> Figure | None:
     return finish(source, figure, [f"{more} more, with smaller forces"] if more else [])
 
 
-def capture(source: Source) -> Figure | None:
+def capture(source: FigureData) -> Figure | None:
     """Enclosed part and capture indices, relative speed, diameter of the mouth; bounds of the criterion."""
     rule, measures = source.run.criterion, source.run.capture
     if rule is None or measures is None:
@@ -81,7 +81,7 @@ def capture(source: Source) -> Figure | None:
     return finish(source, figure)
 
 
-def closing(source: Source) -> Figure | None:
+def closing(source: FigureData) -> Figure | None:
     """Tension and length of a closing line, or the part left of an edge; below, the diameter of the mouth."""
     result, time = source.result, source.result.time
     panels: list[tuple[str, dict[str, Line]]]

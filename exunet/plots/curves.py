@@ -19,7 +19,7 @@ from exunet.plots.style import (
     RED,
     WIDTHS,
     YELLOW,
-    Source,
+    FigureData,
     blank,
     curve_styles,
     legend_above,
@@ -51,7 +51,7 @@ _MAX_SPINS = 6  # distinguishable bands of angular velocities: those of two bodi
 _MARK: dict[str, Any] = {"color": BLACK, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
 
 
-def bullet_speeds(source: Source) -> Figure | None:
+def bullet_speeds(source: FigureData) -> Figure | None:
     """Speed of each bullet over time, and of the reference's; band: slowest to fastest of perturbed runs."""
     result, agreement = source.result, source.agreement
     speeds = metrics.bullet_speeds(result)
@@ -77,7 +77,7 @@ def bullet_speeds(source: Source) -> Figure | None:
     return finish(source, figure)
 
 
-def area(source: Source) -> Figure | None:
+def area(source: FigureData) -> Figure | None:
     """Mouth area over the achievable one, mesh area over that of the reference configuration."""
     result, ensemble, net = source.result, source.ensemble, source.result.net
     run = source.run
@@ -112,7 +112,7 @@ def area(source: Source) -> Figure | None:
     return finish(source, figure)
 
 
-def distances(source: Source) -> Figure | None:
+def distances(source: FigureData) -> Figure | None:
     """Distance of each two bodies over time, surface to surface; a circle marks the smallest.
 
     Of more than eight pairs those that come nearest at stored times.
@@ -138,7 +138,7 @@ def distances(source: Source) -> Figure | None:
     return finish(source, figure, _more(len(pairs) - len(shown), "more pairs, farther apart"))
 
 
-def rotation(source: Source) -> Figure | None:
+def rotation(source: FigureData) -> Figure | None:
     """Angular velocity of each rigid body over time, in body axes, with bands of perturbed runs.
 
     Of more than four bodies those that rotate fastest.
@@ -167,7 +167,7 @@ def rotation(source: Source) -> Figure | None:
     return finish(source, figure, _more(len(velocities) - len(shown), "more, which rotate more slowly"))
 
 
-def control(source: Source) -> Figure | None:
+def control(source: FigureData) -> Figure | None:
     """Thrust of each corner unit, its mean between stored times, with bands of perturbed runs."""
     result, units = source.result, source.result.run.units
     spent = source.run.spent
@@ -189,7 +189,7 @@ def control(source: Source) -> Figure | None:
     return finish(source, figure)
 
 
-def agreement(source: Source) -> Figure | None:
+def agreement(source: FigureData) -> Figure | None:
     """Differences from the reference over time, on logarithmic scales; zeros are left out."""
     found = source.agreement
     if found is None or not (np.any(found.position_difference) or np.any(found.speed_difference)):

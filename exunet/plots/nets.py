@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats
 from exunet.net.arrays import Net
 from exunet.plots.scene_3d import draw, draw_scale, entries, prepare, scene_3d
-from exunet.plots.style import BLUE, ROUND, SMALL, Source, legend_above, new_figure, number
+from exunet.plots.style import BLUE, ROUND, SMALL, FigureData, legend_above, new_figure, number
 
 Plane = tuple[int, int]  # horizontal and vertical axis
 
@@ -44,7 +44,7 @@ class View:
     high: Floats
 
 
-def reference_net(source: Source) -> Figure | None:
+def reference_net(source: FigureData) -> Figure | None:
     """The net in its reference configuration, with the numbers of bullets and corners."""
     net = source.result.net.alone
     if not net.n_elements:
@@ -66,7 +66,7 @@ def reference_net(source: Source) -> Figure | None:
     return figure
 
 
-def snapshots(source: Source) -> Figure:
+def snapshots(source: FigureData) -> Figure:
     """Configurations from the first to the last stored time: six, or four in a column, numbered.
 
     Seen from the side, without perspective; a net that stays in a plane from the front. The views follow the
@@ -94,7 +94,7 @@ def snapshots(source: Source) -> Figure:
     return figure
 
 
-def framed(source: Source, view: View, beside: float = 0.0) -> tuple[Figure, list[Axes]]:
+def framed(source: FigureData, view: View, beside: float = 0.0) -> tuple[Figure, list[Axes]]:
     """Return a figure with axes of equal scale for each plane of the view.
 
     beside : width of what stands beside the axes [mm]

@@ -15,7 +15,7 @@ from exunet.base.errors import FigureError, InputError
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.plots import balances, captures, curves, ensembles, nets, studies, tensions
 from exunet.plots.studies import StudyData
-from exunet.plots.style import FORMATS, PRINT, SCREEN, WIDTHS, Source, drawing, write
+from exunet.plots.style import FORMATS, PRINT, SCREEN, WIDTHS, FigureData, drawing, write
 from exunet.results.comparison import Agreement
 from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.observables import Observables
@@ -185,7 +185,7 @@ def save_run_figures(
     """
     left_out = "capture" if run.criterion is None else "area"  # "capture" shows the mouth
     files = {name: folder / f"{name}.png" for name in OF_A_RUN if name in FIGURES and name != left_out}
-    source = Source(run.result, ensemble, agreement, known=run)
+    source = FigureData(run.result, ensemble, agreement, known=run)
     return _write(FIGURES, (source,), files, "png", SCREEN, required=False)
 
 
@@ -234,4 +234,4 @@ def _prepare(
         return STUDY_FIGURES, (result, float(width))
     if ensemble is None and result.ensemble_file is not None:
         ensemble = load_ensemble(result.ensemble_file)
-    return FIGURES, (Source(result, ensemble, agreement, float(width), grid),)
+    return FIGURES, (FigureData(result, ensemble, agreement, float(width), grid),)

@@ -43,7 +43,7 @@ _FAR = 3.0  # sizes of the net; of a larger scene the views are centred on the n
 _FARTHEST = 20.0  # sizes of the net, beyond which a failed run is cut off
 
 
-class Body(NamedTuple):
+class BodySurface(NamedTuple):
     """A body in a picture: its surface, how deep in it threads may lie [m], and the grey level."""
 
     name: str
@@ -74,7 +74,7 @@ class Scene3D:
 
     result: Result
     camera: Camera
-    bodies: tuple[Body, ...]
+    bodies: tuple[BodySurface, ...]
     centre: Floats
     balls: NDArray[np.int64]
 
@@ -89,7 +89,7 @@ def scene_3d(result: Result, chosen: Sequence[int]) -> Scene3D:
     rule, default = result.run.capture, "target" if "target" in shapes else next(iter(shapes), None)
     first = default if rule is None else rule.target
     bodies = tuple(
-        Body(
+        BodySurface(
             name,
             surface_shown(shapes[name]) if name in shapes else None,
             _slack(shapes[name]) if name in shapes else 0.0,
@@ -132,7 +132,7 @@ def _axes(towards: tuple[float, float, float]) -> Floats:
     return np.stack([right, np.cross(forward, right), forward])
 
 
-def _corners(result: Result, body: Body, k: int) -> Floats:
+def _corners(result: Result, body: BodySurface, k: int) -> Floats:
     """Return the corners (n, 3) [m] of a body at a stored time; of one without a shape its centre of mass."""
     states = result.bodies[body.name]
     place = np.asarray(states.position[k])

@@ -137,7 +137,7 @@ _LEGEND_ROW = 3.6  # mm
 
 
 @dataclass(frozen=True)
-class Source:
+class FigureData:
     """Data that a figure is drawn from, and its width.
 
     result    : the run
@@ -167,7 +167,7 @@ class Source:
 
 
 def new_figure(
-    source: Source, height: float, layout: Literal["constrained", "compressed"] = "constrained"
+    source: FigureData, height: float, layout: Literal["constrained", "compressed"] = "constrained"
 ) -> Figure:
     """Return an empty figure of the source's width and a height [mm]; an incomplete result is named below."""
     height = min(height, MAX_HEIGHT)

@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 
 from exunet.base.arrays import Floats
 from exunet.plots.nets import best_view, framed, line_width
-from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, Source, curve_styles, legend_above
+from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, FigureData, curve_styles, legend_above
 from exunet.plots.time_axes import (
     curve,
     draw_bands,
@@ -36,7 +36,7 @@ _ALONG = "unstretched length along the tether [m]"
 _SLACK: dict[str, Any] = {"color": "0.45", "linestyle": ":", "linewidth": 0.9}
 
 
-def largest_tension(source: Source) -> Figure | None:
+def largest_tension(source: FigureData) -> Figure | None:
     """Largest tension of all elements over time; a circle marks the largest of all steps.
 
     The curve has the stored times only: a snap between two of them shows in the mark alone.
@@ -63,7 +63,7 @@ def largest_tension(source: Source) -> Figure | None:
     return finish(source, figure)
 
 
-def tensions(source: Source) -> Figure | None:
+def tensions(source: FigureData) -> Figure | None:
     """Largest tension of each element over all steps, on the reference net: the larger, the darker.
 
     Elements without tension are dotted. Tethers have no place in that configuration.
@@ -118,7 +118,7 @@ def tension_colors() -> Colormap:
     return ListedColormap(colormaps["cividis_r"](np.linspace(0.1, 1.0, 256)), "tensions")
 
 
-def tethers(source: Source) -> Figure | None:
+def tethers(source: FigureData) -> Figure | None:
     """Largest tension over all steps of each element of the tethers, over the unstretched length.
 
     Of more than eight tethers those with the largest tension.
@@ -150,7 +150,7 @@ def tethers(source: Source) -> Figure | None:
     return finish(source, figure, [*remarks, *more])
 
 
-def loads_on_bodies(source: Source) -> Figure | None:
+def loads_on_bodies(source: FigureData) -> Figure | None:
     """Magnitudes of force and torque of threads on bodies at the places where they are attached, over time.
 
     The torque is about the centre of mass of the body. Of more than eight places those with the largest

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
-from exunet.plots.style import BLACK, ROUND, SMALL, Source, legend_above, new_figure
+from exunet.plots.style import BLACK, ROUND, SMALL, FigureData, legend_above, new_figure
 from exunet.results.ensemble import Ensemble, Range
 from exunet.results.result import Result
 
@@ -26,7 +26,7 @@ _EVENT_GAP = 13.0  # points between names of events at 45 degrees
 
 
 def stacked_axes(
-    source: Source,
+    source: FigureData,
     labels: Sequence[str],
     height: float,
     ratios: Sequence[float] | None = None,
@@ -58,7 +58,7 @@ def stacked_axes(
     return figure, list(grid)
 
 
-def finish(source: Source, figure: Figure, remarks: Iterable[str] = ()) -> Figure:
+def finish(source: FigureData, figure: Figure, remarks: Iterable[str] = ()) -> Figure:
     """Add the events of the script and the legend of all axes, with remarks at its end."""
     if figure.axes[-1].get_xlabel() == TIME:
         _mark_events(figure, source.result)

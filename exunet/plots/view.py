@@ -42,8 +42,8 @@ from exunet.results.observables import (
 from exunet.results.outcome import Outcome, outcome
 from exunet.results.penetration import contact_forces, contact_places
 from exunet.results.result import Result
-from exunet.results.summary import Event, timeline
-from exunet.results.table import GAP, Report
+from exunet.results.summary import EventSummary, timeline
+from exunet.results.table import GAP, ReportContent
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -80,7 +80,10 @@ def save_view(result: Result, path: str | Path, other: Result | None = None) -> 
 
 
 def write_page(
-    path: Path, runs: Sequence[Result | Observables], report: Report | None = None, frames: int = FRAMES
+    path: Path,
+    runs: Sequence[Result | Observables],
+    report: ReportContent | None = None,
+    frames: int = FRAMES,
 ) -> None:
     """Write the page of one or two runs, with what a report has beside.
 
@@ -90,7 +93,9 @@ def write_page(
         part.write_text(page(runs, report, frames), encoding="utf-8")
 
 
-def page(runs: Sequence[Result | Observables], report: Report | None = None, frames: int = FRAMES) -> str:
+def page(
+    runs: Sequence[Result | Observables], report: ReportContent | None = None, frames: int = FRAMES
+) -> str:
     """Return the HTML text of a page."""
     arrays: Arrays = {}
     origin = _corner(runs[0])
@@ -309,7 +314,7 @@ def _opening(events: list[tuple[float, str, str]], shown: Floats, tension: Float
     return next((when for when, words, _ in events if words == _CAPTURED), float(otherwise))
 
 
-def _words(event: Event) -> str:
+def _words(event: EventSummary) -> str:
     """Return the name of an event, and what happened where the name does not say so."""
     name = event.name.replace("_", " ") if event.cause else event.name
     if event.action in ("", "note"):

@@ -308,7 +308,7 @@ def _on_drum(net: Net, node: int, position: Floats) -> Iterator[tuple[int, int, 
 # --- magnitudes at each place of attachment
 
 
-class Attachment(NamedTuple):
+class AttachmentPoint(NamedTuple):
     """A node that is fixed to a body, for good or until a script releases it; or `PACKED`."""
 
     body: str
@@ -320,7 +320,7 @@ class Attachment(NamedTuple):
         return f"{self.body}_{'packed' if self.node == PACKED else self.node}"
 
 
-def attachment_loads(result: Result) -> dict[Attachment, Floats]:
+def attachment_loads(result: Result) -> dict[AttachmentPoint, Floats]:
     """Compute the magnitudes (t, 2) of force [N] and torque [N m] at each place where threads pull on a body.
 
     The torque of each is about the body's centre of mass, of a packed net too, so that they can be compared.
@@ -329,11 +329,11 @@ def attachment_loads(result: Result) -> dict[Attachment, Floats]:
     for body, states in result.bodies.items():
         nodes, force, torque = _at_nodes(result, body)
         for k, node in enumerate(nodes.tolist()):
-            found[Attachment(body, node)] = _sizes(force[:, k], torque[:, k])
+            found[AttachmentPoint(body, node)] = _sizes(force[:, k], torque[:, k])
         if (packed := _carried(result, body)) is not None:
             arm = packed.origin - np.asarray(states.position[:])
             torque = packed.torque + np.cross(arm, packed.force)
-            found[Attachment(body, PACKED)] = _sizes(packed.force, torque)
+            found[AttachmentPoint(body, PACKED)] = _sizes(packed.force, torque)
     return found
 
 

@@ -358,7 +358,7 @@ IMPULSE_OF = "impulse of "  # before the name of what has given it
 KINDS = {"linear": slice(0, 3), "angular": slice(3, 6)}  # columns of `Part`
 
 
-class Part(NamedTuple):
+class Totals(NamedTuple):
     """Momentum [kg m/s], angular momentum about the scene's origin [kg m2/s] and energy [J] of a part.
 
     values : (t, 7) of a free body or of the net, with its kinetic energy; of a prescribed body the impulse,
@@ -381,7 +381,7 @@ def prescribed(result: Result) -> tuple[str, ...]:
     return tuple(name for name in result.bodies if first_given(name) in result.states)
 
 
-def momenta(result: Result) -> dict[str, Part]:
+def momenta(result: Result) -> dict[str, Totals]:
     """Compute the parts of the balances of a scene with bodies, in the scene's axes; empty without bodies.
 
     Free bodies by their names, the net (with strings, bullets and tethers) as "net", and what prescribed
@@ -412,7 +412,7 @@ def momenta(result: Result) -> dict[str, Part]:
     for event in result.run.ejections:
         if event.time_s == 0.0:
             _before_ejection(starts, event)
-    return {name: Part(part, starts[name]) for name, part in values.items()}
+    return {name: Totals(part, starts[name]) for name, part in values.items()}
 
 
 def _before_ejection(starts: dict[str, Floats], event: NetEjected) -> None:

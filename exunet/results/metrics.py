@@ -22,7 +22,7 @@ from exunet.forces.from_outside import OUTSIDE
 from exunet.net.arrays import NET, TETHER
 from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
-from exunet.results.loads import PACKED, Attachment
+from exunet.results.loads import PACKED, AttachmentPoint
 from exunet.results.measures import (
     IMPULSE_OF,
     NEARLY_OPEN,
@@ -354,7 +354,7 @@ def attachment_loads(run: Observables) -> Iterator[Metric]:
 
 
 def _largest_load(
-    run: Observables, places: list[Attachment], before: str, where: str, *, detail: bool = False
+    run: Observables, places: list[AttachmentPoint], before: str, where: str, *, detail: bool = False
 ) -> Iterator[Metric]:
     for column, (word, unit, remark) in enumerate(
         (
@@ -373,7 +373,7 @@ def _largest_load(
         yield from _with_time(metric, before, STORED)
 
 
-def _node(run: Observables, place: Attachment) -> str:
+def _node(run: Observables, place: AttachmentPoint) -> str:
     return "" if place.node == PACKED else run.result.net.node_words(place.node)
 
 

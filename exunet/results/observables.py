@@ -28,9 +28,9 @@ from exunet.results.clearance import (
     pairs_of,
     shapes_of,
 )
-from exunet.results.loads import PACKED, Attachment, Margin, attachment_loads, margins, peaks_of
+from exunet.results.loads import PACKED, AttachmentPoint, Margin, attachment_loads, margins, peaks_of
 from exunet.results.measures import (
-    Part,
+    Totals,
     bullet_speeds,
     centre_of_mass,
     dissipation,
@@ -133,7 +133,7 @@ class Observables:
         return margins(self.result)
 
     @cached_property
-    def attachments(self) -> dict[Attachment, Floats]:
+    def attachments(self) -> dict[AttachmentPoint, Floats]:
         """(t, 2) magnitudes of force [N] and torque [N m] of threads at each place on a body."""
         return attachment_loads(self.result)
 
@@ -148,7 +148,7 @@ class Observables:
         return effects_of(self.result.states)
 
     @cached_property
-    def momenta(self) -> dict[str, Part]:
+    def momenta(self) -> dict[str, Totals]:
         """Momentum and energy of each part, and impulses; empty without bodies."""
         return momenta(self.result)
 
@@ -274,7 +274,7 @@ def spin_name(body: str, axis: str) -> str:
 
 
 def pull_name(place: str, quantity: str) -> str:
-    """Return the name of one of `PULLS` of threads on a body at a place (`Attachment.name`)."""
+    """Return the name of one of `PULLS` of threads on a body at a place (`AttachmentPoint.name`)."""
     return f"attachment_{place}/{quantity}"
 
 

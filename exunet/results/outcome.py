@@ -39,7 +39,7 @@ class Outcome(StrEnum):
     MISSED = "missed"
 
 
-class Condition(NamedTuple):
+class ConditionSeries(NamedTuple):
     """A condition of a criterion at the stored times: its bound, the values (t,) and where they keep it."""
 
     bound: float
@@ -47,7 +47,7 @@ class Condition(NamedTuple):
     holds: Bools
 
 
-class Verdict(NamedTuple):
+class RunOutcome(NamedTuple):
     """Outcome of a run.
 
     since    : time from which all conditions hold until the end [s]; None if they do not
@@ -59,12 +59,12 @@ class Verdict(NamedTuple):
 
     outcome: Outcome
     since: float | None
-    conditions: dict[str, Condition]
+    conditions: dict[str, ConditionSeries]
     time: float | None
     distance: float
 
 
-class Motion(NamedTuple):
+class CaptureFacts(NamedTuple):
     """Facts that a verdict depends on beside measures and contact.
 
     closes    : what closes the mouth moves at the end
@@ -81,19 +81,21 @@ class Motion(NamedTuple):
     on_course: bool = False
 
 
-def outcome(run: Observables) -> Verdict | None:
+def outcome(run: Observables) -> RunOutcome | None:
     """Judge a run by the criterion of its case; None without a criterion."""
     return None if run.criterion is None else _Flight(run, run.criterion).verdict
 
 
-def judge(criterion: Capture, time: Floats, measures: Measures, touch: Touch, motion: Motion) -> Verdict:
+def judge(
+    criterion: Capture, time: Floats, measures: Measures, touch: Touch, motion: CaptureFacts
+) -> RunOutcome:
     """Judge the measures of a capture by a criterion."""
-    conditions: dict[str, Condition] = {}
+    conditions: dict[str, ConditionSeries] = {}
     for name in CONDITIONS:
         if (bound := getattr(criterion, name)) is not None:
             values = touch.elements if name == "touching" else getattr(measures, name)
             holds = values >= bound if name in AT_LEAST else values <= bound
-            conditions[name] = Condition(bound, values, holds)
+            conditions[name] = ConditionSeries(bound, values, holds)
     inside = measures.enclosed >= WRAPPED
     if "enclosed" in conditions:
         inside |= conditions["enclosed"].holds
@@ -108,8 +110,8 @@ def judge(criterion: Capture, time: Floats, measures: Measures, touch: Touch, mo
     since, within = holds_since(time, held), holds_since(time, inside)
     nearest, enough = int(measures.distance.argmin()), criterion.duration * (1.0 - 1e-12)
 
-    def verdict(state: Outcome, at: float | None = None) -> Verdict:
-        return Verdict(state, since, conditions, at, float(measures.distance[nearest]))
+    def verdict(state: Outcome, at: float | None = None) -> RunOutcome:
+        return RunOutcome(state, since, conditions, at, float(measures.distance[nearest]))
 
     if not motion.complete:
         return verdict(Outcome.UNDETERMINED)
@@ -343,7 +345,7 @@ class _Flight:
         wall = None if self.touch.first is not None else self.walled()
         held = wall is not None and bool(net_contact(run, wall.subject).holds[-1])
         braked = self.touch.first is None and (held or self.braked() is not None)
-        motion = Motion(_closes(run), run.result.complete, braked, self.nears, self.on_course)
+        motion = CaptureFacts(_closes(run), run.result.complete, braked, self.nears, self.on_course)
         self.verdict = judge(criterion, run.time, self.measures, self.touch, motion)
 
     @property

@@ -102,7 +102,7 @@ class Release:
 
 
 @dataclass(frozen=True)
-class ScriptEntry:
+class EntryRecord:
     """Entry of a script with its cause and its action; awaited : its time depends on the run."""
 
     entry: str
@@ -189,7 +189,7 @@ class RunRecord:
     can_break: bool = False
     carried: Carried | None = None
     releases: list[Release] = field(default_factory=list)
-    script_entries: list[ScriptEntry] = field(default_factory=list)
+    script_entries: list[EntryRecord] = field(default_factory=list)
     restart: RestartSource | None = None
     winch: WinchLimits | None = None
     edge_radii: Mapping[str, float] = field(default_factory=dict)

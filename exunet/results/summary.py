@@ -118,7 +118,7 @@ def _cost(record: RunRecord) -> dict[str, float | None]:
     return {name.replace("seconds", "s"): value for name, value in cost.items()}
 
 
-class Event(NamedTuple):
+class EventSummary(NamedTuple):
     """Event of a run: time [s], name, and of a script's entry what it did and why."""
 
     time: float
@@ -127,19 +127,19 @@ class Event(NamedTuple):
     cause: str = ""
 
 
-def timeline(run: Observables) -> list[Event]:
+def timeline(run: Observables) -> list[EventSummary]:
     """Return events of the script, first contacts of the net, and the first break, in order."""
     record = run.result.run
-    events = [Event(item.time_s, item.entry, item.event, item.cause) for item in record.done]
+    events = [EventSummary(item.time_s, item.entry, item.event, item.cause) for item in record.done]
     if not events:
-        events = [Event(item.time_s, "ejection") for item in record.ejections]
+        events = [EventSummary(item.time_s, "ejection") for item in record.ejections]
     for body in run.touched_bodies:
         first = run.first_contact(body)
         if first is not None and all(abs(first - event.time) > _SAME for event in events):
-            events.append(Event(first, f"contact with {body}"))
+            events.append(EventSummary(first, f"contact with {body}"))
     if broken := record.breaks:
         item = min(broken, key=lambda item: item.time_s)
-        events.append(Event(item.time_s, "first break", f"element {item.element}"))
+        events.append(EventSummary(item.time_s, "first break", f"element {item.element}"))
     return sorted(events)
 
 

@@ -32,7 +32,7 @@ _CONDITIONS = {  # name, relation, unit
 }
 
 
-class Report(NamedTuple):
+class ReportContent(NamedTuple):
     """Content of report.html beside figures: answer, further rows, text of the case, provenance."""
 
     answer: Rows
@@ -41,7 +41,7 @@ class Report(NamedTuple):
     provenance: Rows
 
 
-def report(summary: Summary, case: str) -> Report:
+def report(summary: Summary, case: str) -> ReportContent:
     """Return what report.html has of a run; case: the text of the case."""
     answer, every = list(_answer(summary)), rows(summary)
     versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
@@ -55,7 +55,7 @@ def report(summary: Summary, case: str) -> Report:
         ("platform", summary["platform"] or "unknown"),
         ("seed", "none: no perturbed runs" if seed is None else f"{seed} of the perturbed runs"),
     ]
-    return Report(answer, every[len(answer) :], case, provenance)
+    return ReportContent(answer, every[len(answer) :], case, provenance)
 
 
 def text(summary: Summary, *, every: bool = False, width: int = 110) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
-from exunet.forces.terms import Change, Memories
+from exunet.forces.terms import Change, DiscreteStates
 from exunet.integrators.protocol import Arrays, Extremes, Largest
 from exunet.model.states import States
 from exunet.model.system import System
@@ -20,14 +20,14 @@ class Observed(NamedTuple):
 
     states     : with the same discrete states, but for those that steps change
     marks      : rows of the states at the times that a run stops at, which are stored
-    memories   : at each of these, the discrete states that steps change
+    discrete_states   : at each of these, the discrete states that steps change
     extremes   : at each, of the steps since the one before that are not among the states; None: all are
     dissipated : (k,) energy dissipated until each state [J]; empty without an energy balance
     """
 
     states: States
     marks: list[int]
-    memories: list[Memories]
+    discrete_states: list[DiscreteStates]
     extremes: list[Extremes | None]
     dissipated: Floats
 
@@ -38,7 +38,7 @@ class Observed(NamedTuple):
         rows = slice(first, last + 1)
         marks = [mark - first for mark in self.marks[kept]]
         return Observed(
-            self.states[rows], marks, self.memories[kept], self.extremes[kept], self.dissipated[rows]
+            self.states[rows], marks, self.discrete_states[kept], self.extremes[kept], self.dissipated[rows]
         )
 
 
@@ -61,7 +61,7 @@ class Block:
 
     def _clear(self) -> None:
         self._marks: list[int] = []
-        self._memories: list[Memories] = []
+        self._discrete_states: list[DiscreteStates] = []
         self._extremes: list[Extremes | None] = []
         self._since: Extremes | None = None  # since the last mark
 
@@ -90,19 +90,19 @@ class Block:
             extremes = extremes._replace(elastic=elastic, kinetic=kinetic)
         self._since = extremes or before
 
-    def mark(self, memory: Memories, first: int | None = None) -> None:
+    def mark(self, discrete: DiscreteStates, first: int | None = None) -> None:
         """Mark the last state, or those from row `first` on, with the discrete states that steps change."""
         new = list(range(self.rows - 1 if first is None else first, self.rows))
         self._marks += new
-        self._memories += [memory] * len(new)
+        self._discrete_states += [discrete] * len(new)
         self._extremes += [*[None] * (len(new) - 1), self._since]
         self._since = None
 
-    def remember(self, memory: Memories) -> bool:
+    def remember(self, discrete: DiscreteStates) -> bool:
         """Replace the discrete states of the last state if it is marked."""
         marked = bool(self._marks) and self._marks[-1] == self.rows - 1
         if marked:
-            self._memories[-1] = memory
+            self._discrete_states[-1] = discrete
         return marked
 
     @property
@@ -125,7 +125,7 @@ class Block:
         if change.v is not None:
             self._v[0] = change.v
 
-    def take(self, memory: Memories) -> Observed | None:
+    def take(self, discrete: DiscreteStates) -> Observed | None:
         """Return the states, and keep the last as the first; None without a new state or mark."""
         rows = self.rows
         if rows < 2 and not self._marks:
@@ -139,8 +139,8 @@ class Block:
             time, x, v, taken = time.copy(), x.copy(), v.copy(), taken.copy()
         for part, own in zip((self._time, self._x, self._v, self._taken), (time, x, v, taken), strict=True):
             part[0] = own[-1]
-        states = States(self._system, time, x, v, memory, taken if self._sums else None).completed()
-        found = Observed(states, self._marks, self._memories, self._extremes, np.zeros(0))
+        states = States(self._system, time, x, v, discrete, taken if self._sums else None).completed()
+        found = Observed(states, self._marks, self._discrete_states, self._extremes, np.zeros(0))
         self.rows, since = 1, self._since
         self._clear()
         self._since = since
@@ -157,8 +157,8 @@ class Block:
         }
         arrays |= {"marks": np.array(self._marks, dtype=np.int64), "sums": np.array([self._sums])}
         found = {name: np.array(values) for name, values in arrays.items()}
-        for name in self._memories[0] if self._memories else {}:
-            found[f"memory/{name}"] = np.array([memory[name] for memory in self._memories])
+        for name in self._discrete_states[0] if self._discrete_states else {}:
+            found[f"discrete/{name}"] = np.array([discrete[name] for discrete in self._discrete_states])
         for what, seen in (("marks", self._extremes), ("since", [self._since])):
             found |= {f"{what}/{name}": values for name, values in _packed(seen).items()}
         return found
@@ -169,8 +169,10 @@ class Block:
         for name, part in (("time", self._time), ("x", self._x), ("v", self._v), ("taken", self._taken)):
             part[: self.rows] = arrays[name]
         self._marks, self._sums = arrays["marks"].tolist(), bool(arrays["sums"][0])
-        names = [name for name in arrays if name.startswith("memory/")]
-        self._memories = [{name[7:]: arrays[name][k] for name in names} for k in range(len(self._marks))]
+        names = [name for name in arrays if name.startswith("discrete/")]
+        self._discrete_states = [
+            {name[7:]: arrays[name][k] for name in names} for k in range(len(self._marks))
+        ]
         self._extremes = _unpacked("marks/", arrays, len(self._marks))
         (self._since,) = _unpacked("since/", arrays, 1)
 

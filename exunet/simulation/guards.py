@@ -58,7 +58,7 @@ def free_parts(system: System) -> FreeParts:
     # Points that sleep hold their part too, and prescribed bodies stop what touches them.
     free_bodies = system.blocks.free_bodies
     stopped = any(name not in free_bodies for name in system.blocks.surfaces)
-    held = part if stopped or system.blocks.awake is not None else part[system.held]
+    held = part if stopped or system.blocks.active is not None else part[system.held]
     free = np.setdiff1d(part, held)
     if system.driven.any() and len(free):
         part[np.isin(part, free)] = free[0]
@@ -125,7 +125,7 @@ class EnergyScale:
         gathered.position[:, members[points]] = centres[:, points]
         bodies = np.flatnonzero(self._driven)[members[~points] - n_points]
         gathered.bodies.position[:, bodies] = centres[:, ~points]
-        return kinetic, energy.potential(self._outer, flat, states.memory)
+        return kinetic, energy.potential(self._outer, flat, states.discrete)
 
     def gained(self, states: States, dissipated: Floats) -> Floats:
         """Compute (3, k) energies [J] added by potentials and forces since the start.
@@ -143,7 +143,7 @@ class EnergyScale:
         done = -dissipated - (kinetic - self._common[0]) - common_change
         errors = TRANSLATION_PART * np.abs(common_change) + WORK_PART * np.abs(dissipated)
         reels, first = self._forces.cable.reels, states.x[0]
-        drawn = max((reel.drawn(states.memory, first) for reel in reels), default=0.0)
+        drawn = max((reel.drawn(states.discrete, first) for reel in reels), default=0.0)
         met = np.maximum(drawn, self._at_speed_of_bodies(states))
         own = np.maximum(np.maximum(np.abs(change - common_change), done), met) + errors
         return np.array([own, np.maximum(np.abs(change), -dissipated), errors])
@@ -156,7 +156,7 @@ class EnergyScale:
         system, bodies = self._system, states.bodies
         blocks, found = system.blocks, np.zeros(len(states))
         i, j = system.net.element_nodes.T
-        tied = system.kinematics.on_bodies(states.memory)
+        tied = system.kinematics.on_bodies(states.discrete)
         for body in np.flatnonzero(~system.moves_freely).tolist():
             speed, spin = bodies.velocity[:, body], bodies.angular_velocity[:, body]
             if not (speed.any() or spin.any()):
@@ -342,7 +342,7 @@ class Guards:
         x, v, time, shape = states.x, states.v, np.diff(states.time), (len(states), -1, 3)
 
         def sizes(terms: tuple[KernelTerm | LinearTerm, ...]) -> Floats:
-            force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.memory)
+            force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.discrete)
             return np.linalg.norm(force[:, : v.shape[1]].reshape(shape), axis=2)
 
         size = sizes(terms)
@@ -376,7 +376,7 @@ class Guards:
         truncated = np.broadcast_to(self._gained[3] + truncated, len(states))
         gained = np.vstack([self._scale.gained(states, dissipated), truncated])
         gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # ignores NaN
-        carrying = states.system.forces.cable.carrying(states.memory)
+        carrying = states.system.forces.cable.carrying(states.discrete)
         # Broken elements may have any length.
         held = states.length if carrying is None else states.length * (carrying > 0.0)
         given = np.sqrt(2.0 * gained[1] / self._mass)
@@ -452,7 +452,7 @@ def beyond_table(states: States, row: int) -> str:
     """Return element, strain and remedy where a strain of a state exceeds its table most; "" if none does."""
     net, law = states.system.net, states.law
     bound = law.longest / law.natural_length
-    carrying = states.system.forces.cable.carrying(states.memory)
+    carrying = states.system.forces.cable.carrying(states.discrete)
     ends = (bound < STRETCH_BOUND) if carrying is None else (bound < STRETCH_BOUND) & (carrying > 0.0)
     stretch = states.length[row] / law.natural_length
     if law.number is None or not (stretch[ends] > bound[ends]).any():
@@ -470,10 +470,10 @@ TOUCHING, ACTING = "in contact", "for damping, drag, thrust or control"
 def where_steps_fail(states: States) -> str:
     """Return what the steps to these states do not resolve: a snap requires a taut element; "" if unknown."""
     forces = states.system.forces
-    contacts = tuple(term for term in forces.kernels if term.memory and "contact/" in term.memory.name)
+    contacts = tuple(term for term in forces.kernels if term.discrete and "contact/" in term.discrete.name)
     if (states.tension > 0.0).any():
         return SNAPPING
-    if contacts and term_kernel(contacts).potential(states.x, states.memory).any():
+    if contacts and term_kernel(contacts).potential(states.x, states.discrete).any():
         return TOUCHING
     return ACTING if forces.nonpotential else ""
 

@@ -21,8 +21,8 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.base.files import group_of, grouped
 from exunet.base.interrupt import postponed
-from exunet.forces.terms import Change, Memories, Seen
-from exunet.integrators.events import Events, memories_of
+from exunet.forces.terms import Change, DiscreteStates, Seen
+from exunet.integrators.events import Events, discrete_states_of
 from exunet.integrators.protocol import Arrays, IntegrationFailed, StepCounts, Stepper, Steps, StepsCollapsed
 from exunet.methods.method import Plan, finer
 from exunet.model.system import State, System
@@ -70,7 +70,9 @@ class Integration:
             self.stepper = self._make(state, self.plan)
         except IntegrationFailed as failure:
             raise RunStopped(f"not started: {failure}") from failure
-        self._memory: Memories = dict(state.memory)  # of states; without what steps have changed since
+        self._discrete: DiscreteStates = dict(
+            state.discrete
+        )  # of states; without what steps have changed since
         self.events = Events(self.system, self.stepper)
         self._block = Block(self.system, state.time, *self.stepper.flat(), 16 + self._together)
         self._before: _Begin | None = None
@@ -147,7 +149,7 @@ class Integration:
             if (time := stepper.time) < until:
                 check_interrupt()
         if self._changed and not self._block.remember(kept := events.kept):
-            self.observers.changed_at(stepper.time, self._memory, kept)
+            self.observers.changed_at(stepper.time, self._discrete, kept)
         if not self._block.finite:
             self._flush()
         self.observers.arrived()
@@ -245,7 +247,7 @@ class Integration:
 
     def _flush(self) -> None:
         """Let observers see the states that they have not seen; raise RunStopped at one that is not valid."""
-        if (steps := self._block.take(self._memory)) is not None:
+        if (steps := self._block.take(self._discrete)) is not None:
             self.observers.see(steps)
 
     def _happen(self) -> None:
@@ -258,18 +260,18 @@ class Integration:
             acts = False
             x, v = stepper.flat()
             for name, change in self.events.at(stepper.time, x, v):
-                memory = {**stepper.memory, **memories_of(name, change)}
+                discrete = {**stepper.discrete, **discrete_states_of(name, change)}
                 self._changed = True
                 if change.quiet:
-                    stepper.change(change, memory)
+                    stepper.change(change, discrete)
                     continue
                 acts = True
-                self._apply(name, change, memory)
+                self._apply(name, change, discrete)
                 for held, new in ((x, change.x), (v, change.v)):
                     if new is not None:
                         held[:] = new
 
-    def _apply(self, name: str, change: Change, memory: Memories) -> None:
+    def _apply(self, name: str, change: Change, discrete: DiscreteStates) -> None:
         """Apply an event, once observers have seen all states before it."""
         block, kept, time = self._block, self.events.kept, self.stepper.time
         if block.time != time:
@@ -277,10 +279,10 @@ class Integration:
         if change.stops and not block.remember(kept) and time > self.observers.stored.state.time:
             block.mark(kept)
         self._flush()
-        self.stepper.change(change, memory)
-        self._memory = {**self._memory, **memories_of(name, change)}
+        self.stepper.change(change, discrete)
+        self._discrete = {**self._discrete, **discrete_states_of(name, change)}
         block.changed(change)
-        self.observers.changed(Event(time, name, change), self._memory, self.events.kept)
+        self.observers.changed(Event(time, name, change), self._discrete, self.events.kept)
 
     # Going back
 
@@ -340,18 +342,18 @@ class Integration:
 
     def _let_act(self, before: Floats) -> None:
         force, inputs = self.external.forces(self.acting), self.external.inputs(self.acting)
-        self.observers.push(force)
+        self.observers.set_external_force(force)
         if inputs:
-            self._memory = {**self._memory, **inputs}
+            self._discrete = {**self._discrete, **inputs}
             self.stepper.set_inputs(inputs)
         if not np.array_equal(force, self.external.forces(before)):
-            self.stepper.push(force)
+            self.stepper.set_external_force(force)
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Return all that the run depends on from now on, for a snapshot."""
         return {
             "acting": self.acting.copy(),
-            **grouped("memory", {name: values.copy() for name, values in self._memory.items()}),
+            **grouped("discrete", {name: values.copy() for name, values in self._discrete.items()}),
             **grouped("stepper", self.stepper.save()),
             **grouped("block", self._block.save()),
             **grouped("stops", self._stops.save(self.observers.safe.state.time, self.stepper.time)),
@@ -367,7 +369,7 @@ class Integration:
         if plan != self.plan:
             self.plan = plan
             self._begin_at(self.observers.safe.state)
-        self._memory, self._to_come = group_of("memory", arrays), []
+        self._discrete, self._to_come = group_of("discrete", arrays), []
         self.stepper.load(group_of("stepper", arrays))
         self._block.load(group_of("block", arrays))
-        self.observers.push(self.external.forces(self.acting))
+        self.observers.set_external_force(self.external.forces(self.acting))

@@ -15,7 +15,7 @@ from exunet.base.errors import RunStopped
 from exunet.base.files import group_of, grouped
 from exunet.base.run_events import RunEvent, ScriptEvent, tagged, untagged
 from exunet.forces.contact.status import TooFast
-from exunet.forces.terms import Change, Memories
+from exunet.forces.terms import Change, DiscreteStates
 from exunet.integrators.protocol import Arrays, IntegrationFailed, Largest
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import Plan, turning_polynomial
@@ -40,7 +40,7 @@ class Event(NamedTuple):
     """An event: when [s], the discrete state that belongs to it, what it did, the state after it."""
 
     time: float
-    memory: str
+    discrete: str
     change: Change
     after: States | None = None
 
@@ -181,7 +181,7 @@ class Judged(NamedTuple):
     stop: RunStopped | None = None
 
 
-class Balance(Observer):
+class EnergyBalance(Observer):
     """Energy balance of a run, and the guards that check it.
 
     every      : the guards check one state in so many, marked states, and the last one
@@ -192,9 +192,11 @@ class Balance(Observer):
         self._system, self._every = system, every
         self._plan: Plan | None = None
         self._guards = Guards(system, state)
-        self._push: Floats | None = None
-        memories = (term.memory for term in system.forces.memories)
-        self._wrong = {memory.name: memory.wrong for memory in memories if memory and memory.wrong}
+        self._external: Floats | None = None
+        discrete_states = (term.discrete for term in system.forces.discrete_states)
+        self._wrong = {
+            discrete.name: discrete.wrong for discrete in discrete_states if discrete and discrete.wrong
+        }
         self.dissipated = system.lost_at_start
         self.begin(state)
 
@@ -213,9 +215,9 @@ class Balance(Observer):
         self._plan = plan
         self._guards.explain(plan, turning_polynomial(plan.method, plan.backend))
 
-    def push(self, force: Floats) -> None:
+    def set_external_force(self, force: Floats) -> None:
         """Set external forces (n_points, 3) [N], whose work counts in the energy balance."""
-        self._push = force.copy() if force.any() else None
+        self._external = force.copy() if force.any() else None
 
     def until_each(self, states: States) -> Floats:
         """Compute (k,) dissipated energies until each state [J]."""
@@ -224,8 +226,8 @@ class Balance(Observer):
             if states.taken is not None:
                 return self._base + states.taken - given
             work = states.work_taken() - np.diff(given)
-            if self._push is not None:
-                work = work - np.einsum("kna,na->k", np.diff(states.position, axis=0), self._push)
+            if self._external is not None:
+                work = work - np.einsum("kna,na->k", np.diff(states.position, axis=0), self._external)
             return np.cumsum(np.concatenate([[self.dissipated], work]))  # independent of the batches
 
     def observe(self, steps: Observed) -> None:
@@ -253,18 +255,18 @@ class Balance(Observer):
         words += f"{state_of_worst(self._system, last)}. {advice}"
         return RunStopped(words, step_cause=step_cause)
 
-    def why_wrong(self, memory: Memories) -> str:
+    def why_wrong(self, discrete: DiscreteStates) -> str:
         """Return why a run must stop with discrete states that steps have changed; "": it need not."""
-        return next((words for name in memory if (words := self._wrong_of(name, memory))), "")
+        return next((words for name in discrete if (words := self._wrong_of(name, discrete))), "")
 
-    def _wrong_of(self, name: str, memory: Memories) -> str:
+    def _wrong_of(self, name: str, discrete: DiscreteStates) -> str:
         check = self._wrong.get(name)
-        return "" if check is None else check(memory[name])
+        return "" if check is None else check(discrete[name])
 
     def judge(self, steps: Observed) -> Judged:
         """Check states by the guards."""
-        for k, memory in enumerate(steps.memories):
-            if words := self.why_wrong(memory):  # states until the mark before are valid
+        for k, discrete in enumerate(steps.discrete_states):
+            if words := self.why_wrong(discrete):  # states until the mark before are valid
                 before = steps.marks[k - 1] if k else 0
                 found = self._judge(steps.between(0, before)) if before else Judged(1, [])
                 stop = RunStopped(words, step_cause=isinstance(words, TooFast))
@@ -275,7 +277,7 @@ class Balance(Observer):
         states, dissipated, marks = steps.states, steps.dissipated, np.array(steps.marks, dtype=np.int64)
         with np.errstate(all="ignore"):  # the guards check for overflow
             # The longest element is checked in every state: its peak may last for a single one.
-            too_long = (states.length > self._longest(states.memory)).any()
+            too_long = (states.length > self._longest(states.discrete)).any()
             every = np.append(np.arange(self._every, len(states) - 1, self._every), len(states) - 1)
             rows = np.union1d(every, marks)
             # Contiguous rows are not copied.
@@ -294,10 +296,10 @@ class Balance(Observer):
             safe = self._safe(values, rows, marks[marks < bad])
         return Judged(bad, safe, self._stop(states, values, bad) if bad < len(states) else None)
 
-    def _longest(self, memory: Memories) -> Floats:
+    def _longest(self, discrete: DiscreteStates) -> Floats:
         """(n_elements,) largest valid lengths [m]; infinite of broken elements."""
         cable = self._system.forces.cable
-        carrying = cable.carrying(memory)
+        carrying = cable.carrying(discrete)
         return cable.law.longest if carrying is None else np.where(carrying, cable.law.longest, np.inf)
 
     def _safe(self, values: GuardValues, rows: NDArray[np.int64], marks: NDArray[np.int64]) -> list[int]:
@@ -328,7 +330,7 @@ class Balance(Observer):
         )
 
 
-class Record(Observer):
+class StoringObserver(Observer):
     """Observer that stores marked states, and what happens to a run."""
 
     stores_energies: bool  # of all steps
@@ -370,8 +372,8 @@ class Observers:
         system: System,
         state: State,
         own: Mapping[str, Observer],
-        balance: Balance | None = None,
-        record: Record | None = None,
+        balance: EnergyBalance | None = None,
+        record: StoringObserver | None = None,
     ) -> None:
         self._system = system
         self.balance, self.record = balance, record
@@ -393,10 +395,10 @@ class Observers:
     def start(self) -> None:
         """Show the first state as a marked one, with discrete states as after a step that ends there."""
         first, kernels = self._last, self._system.forces.kernels
-        kept = dict(first.memory)
-        if any(term.memory is not None and term.memory.series for term in kernels):
+        kept = dict(first.discrete)
+        if any(term.discrete is not None and term.discrete.series for term in kernels):
             (time,), (x,), (v,), size = first.time, first.x, first.v, self._system.blocks.n_force
-            kept |= term_kernel(kernels).remembered(time, x, v, size, first.memory)
+            kept |= term_kernel(kernels).remembered(time, x, v, size, first.discrete)
         dissipated = np.array([0.0 if self.balance is None else self.balance.dissipated])
         self._observe(Observed(first, [0], [kept], [None], dissipated))
         self.safe = self.stored = self._saved(first, 0, {})
@@ -414,7 +416,7 @@ class Observers:
             at = 0
             for mark in sorted({*judged.safe[-1:], *stored}):
                 self._observe(steps.between(at, mark))
-                self.stored = self._saved(steps.states, mark, steps.memories[steps.marks.index(mark)])
+                self.stored = self._saved(steps.states, mark, steps.discrete_states[steps.marks.index(mark)])
                 if mark in judged.safe:
                     self.safe = self.stored
                 at = mark
@@ -428,40 +430,40 @@ class Observers:
             observer.observe(steps)
         self._last = steps.states[-1:]
 
-    def changed(self, event: Event, memory: Memories, kept: Memories) -> None:
+    def changed(self, event: Event, discrete: DiscreteStates, kept: DiscreteStates) -> None:
         """Show an event that follows the last state, with the discrete states after it."""
         change, last = event.change, self._last
         x = last.x if change.x is None else change.x[None]
         v = last.v if change.v is None else change.v[None]
-        self._last = States(self._system, last.time, x, v, memory)
+        self._last = States(self._system, last.time, x, v, discrete)
         for observer in self._all.values():
             observer.changed(event._replace(after=self._last))
-        self.changed_at(event.time, memory, kept)
+        self.changed_at(event.time, discrete, kept)
 
-    def changed_at(self, time: float, memory: Memories, kept: Memories) -> None:
+    def changed_at(self, time: float, discrete: DiscreteStates, kept: DiscreteStates) -> None:
         """Let a run that goes back to the safe state start after the events of its time [s]."""
         if time == self.safe.state.time:
-            self.safe = self._saved(self._last, 0, {**memory, **kept})
+            self.safe = self._saved(self._last, 0, {**discrete, **kept})
 
-    def _saved(self, states: States, row: int, memory: Memories) -> Saved:
+    def _saved(self, states: States, row: int, discrete: DiscreteStates) -> Saved:
         """Return a state, with the discrete states there that steps change, and what observers save."""
         state = states.state(row)
         own = {name: observer.save() for name, observer in self._all.items()}
-        return Saved(replace(state, memory={**state.memory, **memory}), own)
+        return Saved(replace(state, discrete={**state.discrete, **discrete}), own)
 
     def explain(self, plan: Plan) -> None:
         """Set the plan of the run from now on."""
         if self.balance is not None:
             self.balance.explain(plan)
 
-    def push(self, force: Floats) -> None:
+    def set_external_force(self, force: Floats) -> None:
         """Set external forces (n_points, 3) [N]."""
         if self.balance is not None:
-            self.balance.push(force)
+            self.balance.set_external_force(force)
 
-    def finds_wrong(self, memory: Memories) -> bool:
+    def finds_wrong(self, discrete: DiscreteStates) -> bool:
         """Return True if a run must stop with discrete states that steps have changed."""
-        return self.balance is not None and bool(self.balance.why_wrong(memory))
+        return self.balance is not None and bool(self.balance.why_wrong(discrete))
 
     def engine_failed(self, failure: IntegrationFailed, *, step_cause: bool) -> RunStopped:
         """Return the error for a stepper that failed; raise the stepper's own where no state is checked."""

@@ -22,7 +22,7 @@ import numpy as np
 
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import RunStopped
-from exunet.forces.cable import Law, elastic_energy, element_tension, lengths, spans
+from exunet.forces.cable import AxialLaw, elastic_energy, element_tension, lengths, spans
 from exunet.integrators.compiled.loop import CompiledStepper, loop_kernel
 from exunet.integrators.protocol import IntegrationFailed
 from exunet.kernels.compile import numba_installed
@@ -107,7 +107,7 @@ def part_of_stable_step(system: System) -> float:
     return round(min(LARGEST_PART, max(SAFETY, part)), 2) if math.isfinite(part) else SAFETY
 
 
-def _around_fastest_element(system: System) -> tuple[Net, Law, Ints]:
+def _around_fastest_element(system: System) -> tuple[Net, AxialLaw, Ints]:
     """Return the `LARGEST_NET` elements nearest to that with the highest frequency, their law and nodes."""
     net, law = system.net, system.forces.cable.law
     pairs = net.element_nodes[: net.n_net_elements]

@@ -18,7 +18,7 @@ from exunet.base.errors import CaseError, Fault, InputError, collected
 from exunet.bodies.rigid import RigidStates
 from exunet.bodies.touched import grooves
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.corner_units import MEMORY, Function, with_function
+from exunet.forces.corner_units import STATE_NAME, Function, with_function
 from exunet.forces.effects.contact import Contact
 from exunet.forces.effects.rayleigh_damping import RayleighDamping
 from exunet.forces.effects.self_contact import SelfContact
@@ -188,14 +188,14 @@ class Start(ShortRepr):
         speeds = self.velocity if velocity is None else velocity
         state = self.state.at(position, speeds)
         state = state if bodies is None else replace(state, bodies=bodies)
-        moving = state.moving.completed(self.system.kinematics, state.time, state.memory)
-        return replace(self, state=State.of(state.time, moving, state.memory))
+        moving = state.moving.completed(self.system.kinematics, state.time, state.discrete)
+        return replace(self, state=State.of(state.time, moving, state.discrete))
 
     def with_forces(
         self,
         make: Callable[[Blocks], Iterable[KernelTerm]],
         states: tuple[FirstOrder, ...] = (),
-        awake: Floats | None = None,
+        active: Floats | None = None,
     ) -> Start:
         """Return the start with user-defined forces.
 
@@ -205,8 +205,8 @@ class Start(ShortRepr):
             Returns force terms for the numbered blocks.
         states : tuple of FirstOrder, optional
             First-order states of the forces.
-        awake : array, optional
-            See `Blocks.awake`.
+        active : array, optional
+            See `Blocks.active`.
 
         Notes
         -----
@@ -216,11 +216,11 @@ class Start(ShortRepr):
         kept = self.system.bodies and METHODS[self.plan.method].kind != Kind.IMPLICIT
         if kept and SCRIPT not in effects_of(state.name for state in mine.states):
             line = impulses_of(SCRIPT)
-        blocks = replace(mine, states=(*mine.states, *states, *line), awake=awake)
+        blocks = replace(mine, states=(*mine.states, *states, *line), active=active)
         made = counted(SCRIPT, make(blocks), blocks) if kept else make(blocks)
         forces = replace(self.system.forces, kernels=(*self.system.forces.kernels, *made))
         system = replace(self.system, blocks=blocks, forces=forces)
-        state = replace(self.state, memory=dict(system.memory), first_order=blocks.initial_states)
+        state = replace(self.state, discrete=dict(system.discrete), first_order=blocks.initial_states)
         return replace(self, system=system, state=state)
 
     def with_controller(self, function: Function | str) -> Start:
@@ -251,7 +251,7 @@ class Start(ShortRepr):
         forces = self.system.forces
         kernels = tuple(
             with_function(term, function)
-            if (term.memory is not None and term.memory.name == MEMORY)
+            if (term.discrete is not None and term.discrete.name == STATE_NAME)
             else term
             for term in forces.kernels
         )

@@ -18,7 +18,7 @@ from exunet.bodies.rigid import in_frames
 from exunet.bodies.shapes import packed
 from exunet.forces.effects.gravity import Gravity
 from exunet.forces.effects.orbit import Orbit
-from exunet.forces.terms import Memories, Series
+from exunet.forces.terms import DiscreteStates, Series
 from exunet.integrators.exudyn.engine import exudyn_version
 from exunet.integrators.protocol import Arrays, StepCounts
 from exunet.methods.method import Plan
@@ -43,17 +43,24 @@ from exunet.results.run_record import (
     Carried,
     CaseText,
     Cost,
+    EntryRecord,
     Release,
     Retry,
     RunRecord,
-    ScriptEntry,
     UnitSettings,
     WinchLimits,
 )
 from exunet.results.store import MemoryStore, RowStore
 from exunet.scene.script import awaited_entries, drive_of, ejects
 from exunet.simulation.block import Observed
-from exunet.simulation.observers import STATES_A_LOOK, Balance, Event, EventLog, Record, RunningExtremes
+from exunet.simulation.observers import (
+    STATES_A_LOOK,
+    EnergyBalance,
+    Event,
+    EventLog,
+    RunningExtremes,
+    StoringObserver,
+)
 from exunet.simulation.preparation import Start
 
 DISK_COPIES = 2  # of the stored states, while they are written into the result at the end of a run
@@ -120,27 +127,30 @@ def validate_memory(what: str, needed: int) -> None:
 
 def series_of(system: System) -> tuple[tuple[str, Series], ...]:
     """Return the recorded entries of discrete states of a system, each with the name of its state."""
-    memories = (term.memory for term in system.forces.memories)
+    discrete_states = (term.discrete for term in system.forces.discrete_states)
     return tuple(
-        (memory.name, series) for memory in memories if memory is not None for series in memory.series
+        (discrete.name, series)
+        for discrete in discrete_states
+        if discrete is not None
+        for series in discrete.series
     )
 
 
 class _Waiting(NamedTuple):
-    """Marked states that are not appended yet; intervals, memories : those of `Observed`, of each."""
+    """Marked states that are not appended yet; intervals, discrete states : those of `Observed`, of each."""
 
     states: States
     dissipated: Floats
     intervals: Floats
-    memories: list[Memories]
+    discrete_states: list[DiscreteStates]
 
 
-class Recorder(Record):
+class Recorder(StoringObserver):
     """Record of a run over all its attempts: marked states as rows, and what the result has beside them.
 
     times    : (n,) of the states to be stored [s]
     stores_energies : False without extremes of all steps: of energies, and of the tension of each element
-    every    : see `Balance`
+    every    : see `EnergyBalance`
     extremes : observer of largest tensions and, by stores_energies, of energies of all steps
     balance, log : observers of the energy and of events
     record   : what the result records of the run so far
@@ -159,7 +169,7 @@ class Recorder(Record):
         self.times = start.scene.time.stored_times
         self.stores_energies = stores_energies
         self.extremes = RunningExtremes(start.system, stores=stores_energies)
-        self.balance, self.log = Balance(start.system, start.state, every=every), EventLog(start.system)
+        self.balance, self.log = EnergyBalance(start.system, start.state, every=every), EventLog(start.system)
         self._series = series_of(start.system)
         self.rows: RowStore = (
             MemoryStore(columns_of(start.system, stores_energies=stores_energies)) if store is None else store
@@ -190,7 +200,7 @@ class Recorder(Record):
         if steps.marks:
             rows = np.array(steps.marks)
             states, dissipated = steps.states[rows], steps.dissipated[rows]
-            self._waiting.append(_Waiting(states, dissipated, self.extremes.intervals, steps.memories))
+            self._waiting.append(_Waiting(states, dissipated, self.extremes.intervals, steps.discrete_states))
 
     def changed(self, event: Event) -> None:
         """Store the state after an event in place of the last, if it is of the same time."""
@@ -198,11 +208,15 @@ class Recorder(Record):
             return
         last = self._waiting.pop()
         if len(last.states) > 1:
-            before = _Waiting(last.states[:-1], last.dissipated[:-1], last.intervals[:-1], last.memories[:-1])
+            before = _Waiting(
+                last.states[:-1], last.dissipated[:-1], last.intervals[:-1], last.discrete_states[:-1]
+            )
             self._waiting.append(before)
         dissipated = np.array([self.balance.dissipated])
         assert event.after is not None
-        self._waiting.append(_Waiting(event.after, dissipated, last.intervals[-1:], last.memories[-1:]))
+        self._waiting.append(
+            _Waiting(event.after, dissipated, last.intervals[-1:], last.discrete_states[-1:])
+        )
 
     def save(self) -> dict[str, NDArray[Any]]:
         return {"rows": np.array([len(self)])}
@@ -230,7 +244,7 @@ class Recorder(Record):
 
     def _rows(self, waiting: _Waiting) -> dict[str, Floats]:
         """Rows of states."""
-        states, dissipated, intervals, memories = waiting
+        states, dissipated, intervals, discrete_states = waiting
         net, blocks = self._start.net, self._start.system.blocks
         rows = {
             "time": states.time,
@@ -265,7 +279,7 @@ class Recorder(Record):
             at += len(state.initial)
         for name, series in self._series:
             own = np.arange(series.place, series.place + series.size)  # from the end if negative
-            rows[f"{STATES}{series.key}"] = np.array([memory[name][own] for memory in memories])
+            rows[f"{STATES}{series.key}"] = np.array([discrete[name][own] for discrete in discrete_states])
         return rows
 
     def built(self, items: dict[str, int], seconds: float) -> None:
@@ -344,7 +358,7 @@ def initial_record(start: Start) -> RunRecord:
             for name, tie in system.kinematics.ties.items()
         ],
         script_entries=[
-            ScriptEntry(item.name, item.trigger_words, item.action_words, item.name in awaited)
+            EntryRecord(item.name, item.trigger_words, item.action_words, item.name in awaited)
             for item in scene.script
         ],
         restart=start.restart,
@@ -395,7 +409,7 @@ def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:
 def _carried(start: Start) -> Carried | None:
     """Return the body that holds the packed net, if any."""
     frame, system = start.scene.initial.frame, start.system
-    held = [item for item in system.kinematics.held if item.memory == HELD]
+    held = [item for item in system.kinematics.held if item.discrete == HELD]
     if frame is None or not held:
         return None
     (body,) = (entry for entry in system.bodies if entry.name == frame.body)

@@ -34,7 +34,7 @@ from exunet.scene.casefile import Case
 from exunet.scene.scene import Scene
 from exunet.simulation.controller import ActiveController, Controller
 from exunet.simulation.integrate import Integration
-from exunet.simulation.observers import Balance, EventLog, Observer, Observers, RunningExtremes
+from exunet.simulation.observers import EnergyBalance, EventLog, Observer, Observers, RunningExtremes
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.snapshot import Snapshot, identity, validate_snapshot
@@ -141,7 +141,7 @@ class Simulation:
         self._start = start = start if controller is None else start.with_controller(controller)
         self._recorder = recorder
         self.balance, self.log, self.extremes = (
-            (Balance(start.system, start.state), EventLog(start.system), RunningExtremes(start.system))
+            (EnergyBalance(start.system, start.state), EventLog(start.system), RunningExtremes(start.system))
             if recorder is None
             else (recorder.balance, recorder.log, recorder.extremes)
         )

@@ -247,7 +247,7 @@ class Matched:
 
     def intact_in_reference(self, state: State) -> NDArray[np.bool_] | None:
         """(n_elements,) False for what has broken, in the reference's order; None: nothing can break."""
-        carrying = self.start.system.forces.cable.carrying(state.memory)
+        carrying = self.start.system.forces.cable.carrying(state.discrete)
         if carrying is None:
             return None
         intact = np.empty(len(carrying), dtype=bool)
@@ -263,7 +263,7 @@ class Matched:
             np.array([state.first_order[system.blocks.state(f"{name}/{what}") - first] for name in names])
             for what in ("wound_up", "work")
         )
-        held = {winding.name: winding.on_drum(state.memory) for winding in system.forces.cable.reels}
+        held = {winding.name: winding.on_drum(state.discrete) for winding in system.forces.cable.reels}
         return reference.Wound(wound, np.array([float(held[name]) for name in names]), work)
 
     def drawn_in_reference(self, first_order: Floats) -> reference.Drawn:

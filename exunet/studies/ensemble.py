@@ -171,7 +171,7 @@ def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
     stop : ends the run by KeyboardInterrupt
     """
     recorder, system = Recorder(start, stores_energies=False), start.system
-    events = bool(start.state.memory or system.kinematics.knots)
+    events = bool(start.state.discrete or system.kinematics.knots)
 
     def make(state: State, plan: Plan) -> CompiledStepper:
         # Without events, many times in one call of compiled code; the steps are the same.

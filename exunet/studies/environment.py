@@ -57,8 +57,8 @@ class _Seen:
     def points(self) -> States:
         """With nodes that bodies carry as they are now."""
         state, system = self._state, self._system
-        moving = state.moving.completed(system.kinematics, state.time, state.memory)
-        return States.of(system, State.of(state.time, moving, state.memory))
+        moving = state.moving.completed(system.kinematics, state.time, state.discrete)
+        return States.of(system, State.of(state.time, moving, state.discrete))
 
 
 class NetEnvironment(Env):

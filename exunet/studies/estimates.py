@@ -25,7 +25,7 @@ LEFT_OUT = 0.05  # share of incomplete blocks of a Saltelli design, above which 
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Probability:
     """Probability with its interval.
 
     value        : hits over runs
@@ -54,7 +54,7 @@ class Estimate:
 
 def probability(
     hits: int, runs: int, undetermined: int = 0, level: float = LEVEL, *, stratified: bool = False
-) -> Estimate:
+) -> Probability:
     """Estimate a probability from independent runs.
 
     Parameters
@@ -78,7 +78,7 @@ def probability(
     low = stats.binomtest(hits, runs).proportion_ci(level, "exact").low
     high = stats.binomtest(hits + undetermined, runs).proportion_ci(level, "exact").high
     method = "Clopper-Pearson, conservative" if stratified else "Clopper-Pearson"
-    return Estimate(hits / runs, float(low), float(high), runs, undetermined, level, method)
+    return Probability(hits / runs, float(low), float(high), runs, undetermined, level, method)
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ class Job(NamedTuple):
     values: Mapping[str, Any]
 
 
-class Work(NamedTuple):
+class JobData(NamedTuple):
     """Common data of all jobs: cases (text, path) or a function or its pickle, outputs, limit [s]."""
 
     cases: tuple[tuple[str, str], ...]
@@ -136,7 +136,7 @@ def replicate_of(case: Case | Start, replicate: int) -> Start:
     return start.moved(position, bodies=None if bodies is None else bodies[0])
 
 
-def run_job(work: Work, job: Job, meshes: Mapping[str, str] | None = None) -> Done:
+def run_job(work: JobData, job: Job, meshes: Mapping[str, str] | None = None) -> Done:
     """Run a job; an error is a status of the row. meshes: places of mesh files, by key."""
     began = clock.perf_counter()
 
@@ -178,7 +178,7 @@ def run_job(work: Work, job: Job, meshes: Mapping[str, str] | None = None) -> Do
     return found
 
 
-def run_portion(work: Work, jobs: Sequence[Job], meshes: Meshes | None = None) -> tuple[list[Done], int]:
+def run_portion(work: JobData, jobs: Sequence[Job], meshes: Meshes | None = None) -> tuple[list[Done], int]:
     """Run jobs one after the other; returns what they led to, and the peak memory of the process [bytes]."""
     if isinstance(work.build, bytes):
         try:
@@ -222,7 +222,7 @@ class Lane:
     def __init__(self) -> None:
         self.flying: dict[Future[Any], list[Job]] = {}
 
-    def submit(self, work: Work, jobs: list[Job]) -> None:
+    def submit(self, work: JobData, jobs: list[Job]) -> None:
         """Submit a portion."""
         future: Future[Any] = Future()
         future.set_result(run_portion(work, jobs))
@@ -244,7 +244,7 @@ class ProcessLane(Lane):
         super().__init__()
         self.restart()
 
-    def submit(self, work: Work, jobs: list[Job]) -> None:
+    def submit(self, work: JobData, jobs: list[Job]) -> None:
         try:
             with _plain_process():
                 future = self._pool.submit(run_portion, work, jobs)
@@ -305,7 +305,7 @@ class ClusterLane(Lane):
         meshes: Meshes = {place: (file.name, file.read_bytes()) for place, file in sent.items()}
         self._meshes = client.scatter(meshes, broadcast=True, hash=False) if meshes else None
 
-    def submit(self, work: Work, jobs: list[Job]) -> None:
+    def submit(self, work: JobData, jobs: list[Job]) -> None:
         self.flying[self._executor.submit(run_portion, work, jobs, self._meshes)] = jobs
 
     def close(self) -> None:
@@ -362,7 +362,7 @@ def lanes_on_this_machine(workers: int, first: Lane, memory: int) -> tuple[list[
 
 
 def run_jobs(
-    work: Work,
+    work: JobData,
     jobs: Iterator[Job],
     first: Lane,
     lanes: Callable[[int], list[Lane]],

@@ -228,7 +228,7 @@ class OutputsConfig(Record):
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Statistic:
     """Probability of an outcome, or quantile of a metric, over the runs of a design; larger is better.
 
     part  : of the quantile; None of a probability
@@ -242,7 +242,7 @@ class Quantity:
     bound: float | None = None
 
     @classmethod
-    def parse(cls, text: str, *, bounded: bool) -> Quantity:
+    def parse(cls, text: str, *, bounded: bool) -> Statistic:
         """Read such as "-quantile(METRIC, 0.95)", or a constraint; raises ValueError."""
         if (found := _QUANTITY.fullmatch(text.replace(" ", ""))) is None:
             raise ValueError
@@ -288,16 +288,16 @@ class OptimiseConfig(Record):
         for key in ("maximise", "constraints"):
             for text in getattr(self, key):
                 try:
-                    Quantity.parse(text, bounded=key == "constraints")
+                    Statistic.parse(text, bounded=key == "constraints")
                 except ValueError:
                     yield Fault(key, f"requires {type(self).model_fields[key].description}, got {text!r}")
 
     @cached_property
-    def quantities(self) -> list[Quantity]:
+    def quantities(self) -> list[Statistic]:
         """Return the quantities that are maximised, then the constraints."""
         return [
-            *(Quantity.parse(text, bounded=False) for text in self.maximise),
-            *(Quantity.parse(text, bounded=True) for text in self.constraints),
+            *(Statistic.parse(text, bounded=False) for text in self.maximise),
+            *(Statistic.parse(text, bounded=True) for text in self.constraints),
         ]
 
 

@@ -22,7 +22,7 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of
 from exunet.studies import estimates
-from exunet.studies.inputs import InputConfig, OptimiseConfig, Quantity
+from exunet.studies.inputs import InputConfig, OptimiseConfig, Statistic
 from exunet.studies.rows import ROWS_FILE, RowFile
 from exunet.studies.study import Progress, Study, StudyTable
 
@@ -138,7 +138,7 @@ def best_of(trials: Sequence[Trial]) -> list[int]:
     return [front[k] for k in chosen]
 
 
-def gain(quantity: Quantity, first: Floats, second: Floats, seed: int) -> estimates.Interval:
+def gain(quantity: Statistic, first: Floats, second: Floats, seed: int) -> estimates.Interval:
     """Return how much better the second of two designs with the same samples is, at a level of 95 %.
 
     Of a probability with the interval of `paired_outcomes`, of a quantile with that of a paired bootstrap.

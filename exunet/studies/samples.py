@@ -62,7 +62,7 @@ def rank_test(one: Sequence[float], other: Sequence[float]) -> float:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class SettingComparison:
     """A quantity with a setting, compared with the finest.
 
     shift       : difference of the medians; nan of the finest itself
@@ -88,20 +88,20 @@ class Comparison:
 
 def compare(
     quantity: Metric, values: Floats, finest: Floats, resolution: float = 0.0, level: float = CHANCE
-) -> Comparison:
+) -> SettingComparison:
     """Compare the values of a setting with those of the finest; empty `finest`: it is the finest itself.
 
     resolution : of the values, by stored times or steps
     level      : probability of a significant shift without a shift
     """
     if not len(finest):
-        return Comparison(values)
+        return SettingComparison(values)
     median, center, width = float(np.median(values)), float(np.median(finest)), float(np.ptp(finest))
     shift, last = median - center, max(resolution, quantity.last_digit(center))
     allowed = max(PART * width, last)
     if len(values) == 1:  # tested as one more run of the finest
         around = float(around_one_more(finest)) if len(finest) > 1 else math.inf
         significant = abs(median - float(finest.mean())) > max(last, around)
-        return Comparison(values, shift, allowed, significant)
+        return SettingComparison(values, shift, allowed, significant)
     significant = abs(shift) > last and is_shifted(values.tolist(), finest.tolist(), last, level)
-    return Comparison(values, shift, allowed, significant)
+    return SettingComparison(values, shift, allowed, significant)

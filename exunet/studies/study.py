@@ -41,9 +41,9 @@ from exunet.studies.executor import (
     ClusterLane,
     Done,
     Job,
+    JobData,
     Lane,
     ProcessLane,
-    Work,
     built,
     lanes_on_this_machine,
     pickled,
@@ -66,7 +66,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-    from exunet.studies.estimates import Estimate, PairedMetric, PairedOutcome
+    from exunet.studies.estimates import PairedMetric, PairedOutcome, Probability
 
 CHECKED = 200  # samples that are prepared before any run
 MAX_OUTSIDE = 1e-3  # mass of a distribution outside the bounds of its key
@@ -487,7 +487,7 @@ class _Runner:
         alone = workers == 1 or len(self._left) == 1
         build = self._study._build
         sent = build if build is None or client is not None or alone else pickled(build)
-        work = Work(cases, config.outputs, config.time_limit, sent)
+        work = JobData(cases, config.outputs, config.time_limit, sent)
         first: Lane = Lane() if alone else ProcessLane()
         if client is not None:
             first = ClusterLane(client, self._study.mesh_files)
@@ -672,7 +672,7 @@ class StudyTable:
             else estimates.paired_metrics(a, b, self.config.seed)
         )
 
-    def probability(self, outcome: str, design: str | None = None, level: float = 0.95) -> Estimate:
+    def probability(self, outcome: str, design: str | None = None, level: float = 0.95) -> Probability:
         """Return the probability of an outcome of a design, with its interval at a level of confidence.
 
         Rows without an outcome count as not having it at the low end, and as having it at the high end.

@@ -56,7 +56,7 @@ Values = dict[str, Floats]
 Observer = Callable[[State], Values]
 
 
-class Quantity(NamedTuple):
+class ComparedQuantity(NamedTuple):
     """Quantity that both codes have at a state.
 
     Parameters
@@ -80,36 +80,38 @@ class Quantity(NamedTuple):
 
 
 QUANTITIES = {
-    "acceleration of points": Quantity("m/s2", tol.FORCES, ("node", "xyz")),
-    "acceleration of bodies": Quantity("m/s2", tol.FORCES, ("body", "xyz")),
-    "angular acceleration": Quantity("rad/s2", tol.FORCES, ("body", "xyz"), "square of angular velocity"),
-    "position of attached nodes": Quantity("m", tol.BODY_PLACES, ("number", "xyz")),
-    "velocity of attached nodes": Quantity("m/s", tol.BODY_PLACES, ("number", "xyz")),
-    "rate of momentum": Quantity("N", tol.FORCES, ("xyz",), "sum of forces"),
-    "rate of angular momentum": Quantity("N m", tol.FORCES, ("xyz",), "sum of torques"),
-    "kinetic energy": Quantity("J", tol.MEASURES),
-    "elastic energy": Quantity("J", tol.MEASURES),
+    "acceleration of points": ComparedQuantity("m/s2", tol.FORCES, ("node", "xyz")),
+    "acceleration of bodies": ComparedQuantity("m/s2", tol.FORCES, ("body", "xyz")),
+    "angular acceleration": ComparedQuantity(
+        "rad/s2", tol.FORCES, ("body", "xyz"), "square of angular velocity"
+    ),
+    "position of attached nodes": ComparedQuantity("m", tol.BODY_PLACES, ("number", "xyz")),
+    "velocity of attached nodes": ComparedQuantity("m/s", tol.BODY_PLACES, ("number", "xyz")),
+    "rate of momentum": ComparedQuantity("N", tol.FORCES, ("xyz",), "sum of forces"),
+    "rate of angular momentum": ComparedQuantity("N m", tol.FORCES, ("xyz",), "sum of torques"),
+    "kinetic energy": ComparedQuantity("J", tol.MEASURES),
+    "elastic energy": ComparedQuantity("J", tol.MEASURES),
     # Small where its terms cancel.
-    "potential energy": Quantity("J", tol.MEASURES, rare=True),
-    "momentum": Quantity("kg m/s", tol.MEASURES, ("xyz",)),
-    "angular momentum": Quantity("kg m2/s", tol.MEASURES, ("xyz",)),
-    "strain": Quantity("", tol.MEASURES, ("element",)),
-    "tension": Quantity("N", tol.MEASURES, ("element",)),
-    "dissipated power": Quantity("W", tol.MEASURES, rare=True),
-    "contact force on nodes": Quantity("N", tol.CONTACT, ("node", "xyz")),
-    "contact force on the body": Quantity("N", tol.CONTACT, ("xyz",)),
-    "contact torque on the body": Quantity("N m", tol.CONTACT, ("xyz",)),
-    "power dissipated by contact": Quantity("W", tol.CONTACT),
-    "energy stored by contact": Quantity("J", tol.CONTACT),
-    "rate of the closing": Quantity("m/s or 1/s", tol.CLOSING),
-    "power of the closing": Quantity("W", tol.CLOSING),
-    "viscous power of the closing": Quantity("W", tol.CLOSING),
-    "energy stored by the closing": Quantity("J", tol.CLOSING),
+    "potential energy": ComparedQuantity("J", tol.MEASURES, rare=True),
+    "momentum": ComparedQuantity("kg m/s", tol.MEASURES, ("xyz",)),
+    "angular momentum": ComparedQuantity("kg m2/s", tol.MEASURES, ("xyz",)),
+    "strain": ComparedQuantity("", tol.MEASURES, ("element",)),
+    "tension": ComparedQuantity("N", tol.MEASURES, ("element",)),
+    "dissipated power": ComparedQuantity("W", tol.MEASURES, rare=True),
+    "contact force on nodes": ComparedQuantity("N", tol.CONTACT, ("node", "xyz")),
+    "contact force on the body": ComparedQuantity("N", tol.CONTACT, ("xyz",)),
+    "contact torque on the body": ComparedQuantity("N m", tol.CONTACT, ("xyz",)),
+    "power dissipated by contact": ComparedQuantity("W", tol.CONTACT),
+    "energy stored by contact": ComparedQuantity("J", tol.CONTACT),
+    "rate of the closing": ComparedQuantity("m/s or 1/s", tol.CLOSING),
+    "power of the closing": ComparedQuantity("W", tol.CLOSING),
+    "viscous power of the closing": ComparedQuantity("W", tol.CLOSING),
+    "energy stored by the closing": ComparedQuantity("J", tol.CLOSING),
 }
 
 
 @dataclass(frozen=True)
-class Comparison:
+class StateComparison:
     """States of a scene, and the codes that have quantities there.
 
     Parameters
@@ -160,7 +162,7 @@ def at_states(case: BothCodes, states: int = STATES, compiled: bool = True) -> I
             yield from compared(closing(case), states)
 
 
-def compared(comparison: Comparison, states: int) -> Iterator[Check]:
+def compared(comparison: StateComparison, states: int) -> Iterator[Check]:
     """Yield for each quantity and code the kind of states with the largest error."""
     random = np.random.default_rng(comparison.seed)
     pairs: dict[tuple[str, str], dict[str, list[tuple[Floats, Floats]]]] = defaultdict(dict)
@@ -206,7 +208,7 @@ def compared(comparison: Comparison, states: int) -> Iterator[Check]:
 # Accelerations
 
 
-def motion(case: BothCodes, compiled: bool = True) -> Comparison:
+def motion(case: BothCodes, compiled: bool = True) -> StateComparison:
     """Accelerations of points and bodies of Exudyn and of the compiled loop; attached nodes."""
     codes: dict[str, Observer] = {"Exudyn": _motion_of_engine(case)}
     if compiled:
@@ -214,15 +216,17 @@ def motion(case: BothCodes, compiled: bool = True) -> Comparison:
     if len(case.start.system.kinematics.point):
         codes["arrays"] = partial(_attached, case)
     kinds = kinds_of(case.start)
-    return Comparison(kinds, partial(random_bodies, case.start), codes, partial(_motion_of_reference, case))
+    return StateComparison(
+        kinds, partial(random_bodies, case.start), codes, partial(_motion_of_reference, case)
+    )
 
 
 def _motion_of_engine(case: BothCodes) -> Observer:
     probe, system = case.probe(), case.start.system
 
     def observe(state: State) -> Values:
-        if state.memory:
-            probe.remember(system, state.memory)
+        if state.discrete:
+            probe.remember(system, state.discrete)
         points, bodies = probe.motion(state.moving, state.time)
         return _accelerations(system, state.bodies, points, bodies[:, :3], bodies[:, 3:])
 
@@ -248,7 +252,7 @@ def _motion_of_loop(case: BothCodes) -> Observer:
         rates = []
 
     def observe(state: State) -> Values:
-        motion = motion_of(system, state, kernel.table(state.memory))
+        motion = motion_of(system, state, kernel.table(state.discrete))
         kernel.module.begin(state.time, False, motion)
         work = motion.work[first]
         parts = np.split(work[: blocks.n_v], (3 * blocks.n_points, blocks.centres))
@@ -280,7 +284,7 @@ def _accelerations(
 def _attached(case: BothCodes, state: State) -> Values:
     """Return positions and velocities (n_attached, 3) by whole arrays, as the states of a result are made."""
     kinematics = case.start.system.kinematics
-    moving, point = state.moving.completed(kinematics, state.time, state.memory), kinematics.point
+    moving, point = state.moving.completed(kinematics, state.time, state.discrete), kinematics.point
     return {
         "position of attached nodes": moving.position[point],
         "velocity of attached nodes": moving.velocity[point],
@@ -315,10 +319,10 @@ def _motion_of_reference(case: BothCodes, state: State) -> Values:
 # Energies, momenta, strains
 
 
-def measures(case: BothCodes) -> Comparison:
+def measures(case: BothCodes) -> StateComparison:
     """Energies, momenta, strains, tensions and dissipated power as results have them."""
     codes = {"results": partial(_measures, case)}
-    return Comparison(KINDS, partial(moved, case.start), codes, partial(_measures_of_reference, case))
+    return StateComparison(KINDS, partial(moved, case.start), codes, partial(_measures_of_reference, case))
 
 
 def _seen(case: BothCodes, state: State) -> State:
@@ -326,8 +330,8 @@ def _seen(case: BothCodes, state: State) -> State:
     kinematics = case.start.system.kinematics
     if not kinematics.held:
         return state
-    moving = state.moving.completed(kinematics, state.time, state.memory)
-    return State.of(state.time, moving, state.memory)
+    moving = state.moving.completed(kinematics, state.time, state.discrete)
+    return State.of(state.time, moving, state.discrete)
 
 
 def _measures(case: BothCodes, state: State) -> Values:
@@ -346,7 +350,7 @@ def _measures(case: BothCodes, state: State) -> Values:
         found["tension"] = ours.tension[0]
     # The work of viscous stress is integrated over steps: see the trajectories.
     if not viscous:
-        power = energy.power_taken(case.start.system.forces, ours.time, ours.x, ours.v, state.memory)
+        power = energy.power_taken(case.start.system.forces, ours.time, ours.x, ours.v, state.discrete)
         found["dissipated power"] = power[0]
     return found
 
@@ -377,15 +381,15 @@ def _measures_of_reference(case: BothCodes, state: State) -> Values:
 
 def _terms(system: System, name: str) -> list[KernelTerm]:
     """Return the terms whose discrete state begins with a name."""
-    return [term for term in system.forces.kernels if term.memory and term.memory.name.startswith(name)]
+    return [term for term in system.forces.kernels if term.discrete and term.discrete.name.startswith(name)]
 
 
-def contact(case: BothCodes) -> Comparison:
+def contact(case: BothCodes) -> StateComparison:
     """Contact of threads, nodes or bullets with a body: forces, torque, power, energy."""
     states = partial(_of_one_kind, in_contact, case)
     codes = {"law": partial(_contact, case)}
     reference, stored = partial(_contact_of_reference, case), "energy stored by contact"
-    return Comparison(("in contact",), states, codes, reference, stored, everywhere=True)
+    return StateComparison(("in contact",), states, codes, reference, stored, everywhere=True)
 
 
 def _of_one_kind(
@@ -420,9 +424,9 @@ def _contact_of_reference(case: BothCodes, state: State) -> Values:
     contacts, bodies = system.contacts, theirs.bodies
     assert contacts is not None
     views = contact_forces.view_of_states(system, theirs.x, theirs.v, bodies, None, False)
-    memory = nothing(contacts.pairs) if contacts.law.sticks else None
+    discrete = nothing(contacts.pairs) if contacts.law.sticks else None
     attitude = bodies.attitude[system.bodies.rigid]
-    found = contact_forces.touched(contacts, views, attitude, memory, np.zeros((contacts.pairs, 3)))
+    found = contact_forces.touched(contacts, views, attitude, discrete, np.zeros((contacts.pairs, 3)))
     force = sum((forces for _, forces in found.on_nodes), np.zeros_like(theirs.x))
     arm = theirs.x - bodies.position[system.bodies.rigid[0]]
     return {
@@ -438,12 +442,12 @@ def _contact_of_reference(case: BothCodes, state: State) -> Values:
 # rule in an angle along the other (`reference_impl.self_contact`).
 
 
-def self_contact(case: BothCodes) -> Comparison:
+def self_contact(case: BothCodes) -> StateComparison:
     """Contact of threads with each other: forces, power, energy."""
     states = partial(_of_one_kind, threads_in_contact, case)
     codes = {"law": partial(_self_contact, case)}
     reference, stored = partial(_self_contact_of_reference, case), "energy stored by contact"
-    return Comparison(("in contact",), states, codes, reference, stored, everywhere=True)
+    return StateComparison(("in contact",), states, codes, reference, stored, everywhere=True)
 
 
 def _self_contact(case: BothCodes, state: State) -> Values:
@@ -477,12 +481,12 @@ def _self_contact_of_reference(case: BothCodes, state: State) -> Values:
 # tension and the work of the winch (`reference_impl.closing`). A line with friction is not in it.
 
 
-def closing(case: BothCodes) -> Comparison:
+def closing(case: BothCodes) -> StateComparison:
     """Closing line or shortened edge: rate, powers and energy."""
     kinds, states = kinds_of(case.start), partial(random_bodies, case.start)
     codes = {"law": partial(_closing, case)}
     reference = partial(_closing_of_reference, case)
-    return Comparison(kinds, states, codes, reference, "energy stored by the closing")
+    return StateComparison(kinds, states, codes, reference, "energy stored by the closing")
 
 
 def _closing_values(rate: float, power: float, viscous: float, stored: float) -> Values:
@@ -492,10 +496,10 @@ def _closing_values(rate: float, power: float, viscous: float, stored: float) ->
 def _closing(case: BothCodes, state: State) -> Values:
     system = case.start.system
     (term,) = _terms(system, f"{CLOSING_LINE}/")
-    assert term.memory is not None
-    assert term.memory.data is not None
+    assert term.discrete is not None
+    assert term.discrete.data is not None
     assert term.potential is not None
-    data = copied(term.memory.data(state.memory[term.memory.name]))  # contains work space
+    data = copied(term.discrete.data(state.discrete[term.discrete.name]))  # contains work space
     x, v = system.layout.pack(state.moving)
     force = np.zeros(system.blocks.n_force)
     term.add(state.time, x, v, data, force)

@@ -167,8 +167,8 @@ def _rests_on_an_edge(result: Result, start: Any) -> Iterator[Check]:
     height = np.interp(across, x[middle : middle + 2, 0], x[middle : middle + 2, 2]) - corner
     apart = np.hypot(across, height)
     stretch = float(result.net.reference_length[middle]) / (x[middle + 1, 0] - x[middle, 0])
-    pushed = contact.stiffness * np.maximum(reach - apart, 0.0) * height / apart
-    force = stretch * float(np.trapezoid(pushed, across))
+    pressed = contact.stiffness * np.maximum(reach - apart, 0.0) * height / apart
+    force = stretch * float(np.trapezoid(pressed, across))
     ways = np.diff(x, axis=0) / np.linalg.norm(np.diff(x, axis=0), axis=1)[:, None]
     pulled = result.tension[-1][middle - 1] * ways[middle - 1, 2]
     pulled -= result.tension[-1][middle + 1] * ways[middle + 1, 2]

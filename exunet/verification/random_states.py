@@ -161,32 +161,34 @@ def random_instants(start: Start, kind: str, count: int, random: np.random.Gener
     cable, fixed = system.forces.cable, net.fixed_nodes
     beside, bodies = system.blocks.n_points - net.n_nodes, len(system.bodies)
     first, drawn = system.blocks.n_x - system.blocks.n_states, _drawn(system)
-    timed = [(term.memory, switch) for term, switch in system.forces.switches if switch.times and term.memory]
+    timed = [
+        (term.discrete, switch) for term, switch in system.forces.switches if switch.times and term.discrete
+    ]
     for number, (position, velocity) in enumerate(random_states(net, kind, count, random)):
         position[fixed], velocity[fixed] = start.position[fixed], 0.0
         places = np.concatenate([position, _ball(random, beside, net.size)])
         speeds = np.concatenate([velocity, random.normal(size=(beside, 3))])
         state = replace(start.state, position=places, velocity=speeds)
-        memory = dict(state.memory)
+        discrete = dict(state.discrete)
         if bodies:
             turned = np.array([_quaternion(random) for _ in range(bodies)])
             centres, moving, turning = random.normal(size=(3, bodies, 3))
             state = replace(state, bodies=RigidStates(centres, moving, turned, turning))
-        if cable.memory is not None and number % 2:
-            memory[cable.memory.name] = (random.random(net.n_elements) < INTACT).astype(float)
+        if cable.discrete is not None and number % 2:
+            discrete[cable.discrete.name] = (random.random(net.n_elements) < INTACT).astype(float)
         if timed:
             state = replace(state, time=random.uniform(0.0, start.scene.time.end))
         for held, switch in timed:
             x, v = system.layout.pack(state.moving)
             if len(items := switch.crossed(state.time, x, v, held.initial)):
-                passed = switch.change(state.time, x, v, held.initial, items, state.memory)
-                memory[held.name] = passed.memory
+                passed = switch.change(state.time, x, v, held.initial, items, state.discrete)
+                discrete[held.name] = passed.discrete
         if drawn is not None:
             name, least, most = drawn
             first_order = state.first_order.copy()
             first_order[system.blocks.state(name) - first] = random.uniform(least, most)
             state = replace(state, first_order=first_order)
-        yield replace(state, memory=memory)
+        yield replace(state, discrete=discrete)
 
 
 def _drawn(system: System) -> tuple[str, float, float] | None:
@@ -270,8 +272,8 @@ def moved(start: Start, kind: str, count: int, random: np.random.Generator) -> I
 def _with_packed_net(system: System, state: State) -> State:
     """Put the nodes of a net that a body holds where the body holds them: the engine does not move them."""
     for held in system.kinematics.held:
-        if held.memory == HELD and (nodes := held.points[: held.number(state.memory)]).size:
-            moving = state.moving.completed(system.kinematics, state.time, state.memory)
+        if held.discrete == HELD and (nodes := held.points[: held.number(state.discrete)]).size:
+            moving = state.moving.completed(system.kinematics, state.time, state.discrete)
             position, velocity = state.position.copy(), state.velocity.copy()
             position[nodes], velocity[nodes] = moving.position[nodes], moving.velocity[nodes]
             state = replace(state, position=position, velocity=velocity)

@@ -101,7 +101,7 @@ REELED = Tolerance(
 LOCKED = Tolerance(0.0, "the work of a drum that does not turn", "J")
 THROWN_BACK = Tolerance(0.0, "they have met the end of the tether, and come closer", "m/s")
 MOMENTUM = Tolerance(1e-12, "of the sum of the nodes' shares: linear invariants are kept to round-off")
-GUIDED = Tolerance(
+PRESCRIBED = Tolerance(
     1e-8,
     "of the sum of the nodes' shares: what a guided body gives is kept by the accuracy of the integration",
 )

@@ -42,7 +42,7 @@ from reference_impl import energy
 
 
 @dataclass(frozen=True, eq=False)
-class Balance:
+class ConservedQuantity:
     """Conserved quantity: values (t, 1) or (t, 3), scale and tolerance of its changes."""
 
     name: str
@@ -52,7 +52,9 @@ class Balance:
     tolerance: Tolerance
 
 
-def momenta(case: BothCodes, motion: Trajectory, linear: Tolerance, angular: Tolerance) -> list[Balance]:
+def momenta(
+    case: BothCodes, motion: Trajectory, linear: Tolerance, angular: Tolerance
+) -> list[ConservedQuantity]:
     """Return momentum and angular momentum about the origin, less what prescribed bodies gave.
 
     By the formulas of the reference, which are compared with those of exunet at random states. Scales are the
@@ -71,12 +73,12 @@ def momenta(case: BothCodes, motion: Trajectory, linear: Tolerance, angular: Tol
     if motion.given is not None:
         total, turned = total - motion.given[:, :3], turned - motion.given[:, 3:]
     return [
-        Balance("momentum", "N s", total, next(scales), linear),
-        Balance("angular momentum", "N m s", turned, next(scales), angular),
+        ConservedQuantity("momentum", "N s", total, next(scales), linear),
+        ConservedQuantity("angular momentum", "N m s", turned, next(scales), angular),
     ]
 
 
-def energies(case: BothCodes, motion: Trajectory, tolerance: Tolerance) -> Balance:
+def energies(case: BothCodes, motion: Trajectory, tolerance: Tolerance) -> ConservedQuantity:
     """Return kinetic, elastic, potential and dissipated energy of a run that recorded the latter.
 
     Changes are parts of the largest kinetic energy.
@@ -95,10 +97,10 @@ def energies(case: BothCodes, motion: Trajectory, tolerance: Tolerance) -> Balan
     total = total + energy.potential(system, seen.x, seen.bodies)
     if motion.dissipated is not None:
         total = total + motion.dissipated
-    return Balance("energy", "J", total[:, None], float(moving.max()), tolerance)
+    return ConservedQuantity("energy", "J", total[:, None], float(moving.max()), tolerance)
 
 
-def changes(balances: list[Balance], times: Floats, code: str) -> Iterator[Check]:
+def changes(balances: list[ConservedQuantity], times: Floats, code: str) -> Iterator[Check]:
     """Check the largest change of each balance at the given times."""
     for balance in balances:
         change = np.linalg.norm(balance.values[: len(times)] - balance.values[0], axis=1)
@@ -278,7 +280,7 @@ def _balances(case: BothCodes, own: Floats, code: str, motion: Trajectory) -> It
     if kept and case.start.system.bodies:
         summed = code == "exunet" and case.start.system.forces.cable.viscous
         found = [energies(case, motion, BOOKED if summed else ENERGY)]
-        outside = case.start.system.kinematics.guides or case.theirs.system.propelled
+        outside = case.start.system.kinematics.motions or case.theirs.system.propelled
         if case.effects <= INTERNAL and not outside:
             found += momenta(case, motion, MOMENTUM, ANGULAR)
         yield from changes(found, motion.time[:kept], code)

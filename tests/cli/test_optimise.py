@@ -13,7 +13,7 @@ from commands import PLANAR, command
 
 from exunet.base.errors import CaseError, MissingExtra
 from exunet.studies import optimise as optimisation
-from exunet.studies.inputs import InputConfig, Quantity
+from exunet.studies.inputs import InputConfig, Statistic
 from exunet.studies.optimise import Optimum, Trial, best_of, gain, optimise, search
 from exunet.studies.study import Study, StudyTable
 
@@ -76,7 +76,7 @@ def test_two_objectives_give_a_front() -> None:
     ],
 )
 def test_runs_without_a_value_count_as_the_worst(text: str, bounded: bool, expected: float) -> None:
-    quantity = Quantity.parse(text, bounded=bounded)
+    quantity = Statistic.parse(text, bounded=bounded)
     assert quantity.value(np.array([1.0, 0.0, 0.0, np.nan])) == pytest.approx(expected)
     assert quantity.bound == (-20.0 if bounded else None)
 
@@ -84,7 +84,7 @@ def test_runs_without_a_value_count_as_the_worst(text: str, bounded: bool, expec
 def test_a_gain_has_the_interval_of_pairs() -> None:
     """Values of large scatter, all better by 0.1: only pairs show it."""
     first = np.random.default_rng(1).normal(0.0, 10.0, 200)
-    quantity = Quantity.parse("-median(force)", bounded=False)
+    quantity = Statistic.parse("-median(force)", bounded=False)
     found = gain(quantity, first, first - 0.1, 1)
     assert (found.value, found.low, found.high) == pytest.approx((0.1, 0.1, 0.1))
 

@@ -180,7 +180,7 @@ def test_in_contact_as_in_one_system_and_restored_in_it(iterations: int, tmp_pat
         host = BodiesHost.of_ports(net)
         coupler = Coupler(net, host, step=step, iterations=iterations)
         coupler.advance_to(HERE)
-        assert status_of(net.simulation.view.memory["contact/threads/box"]).touching > 0.0
+        assert status_of(net.simulation.view.discrete["contact/threads/box"]).touching > 0.0
         coupler.snapshot().save(tmp_path / "here")
         coupler.advance_to(END)
         assert not coupler.ledger.note

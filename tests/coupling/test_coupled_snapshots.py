@@ -103,7 +103,7 @@ def test_snapshots_of_another_net_host_coupling_or_arguments(scene: Scene, tmp_p
         other = NetSystem(scene.net, [change])  # the second cuts the step
         others.append((other, None, Coupler(other, BodiesHost.of_ports(other), step=STEP)))
     given = [None, net.snapshot(), *(other.snapshot() for *_, other in others)]
-    damaged = dict(here.memory) | {"ledger": np.zeros(3)}
+    damaged = dict(here.discrete) | {"ledger": np.zeros(3)}
     given.append(CoupledSnapshot(here.ports, here.net, here.host, damaged))
     for snapshot in given:
         with pytest.raises(InputError):
@@ -111,7 +111,7 @@ def test_snapshots_of_another_net_host_coupling_or_arguments(scene: Scene, tmp_p
         assert everything(net, coupler, host) == before
     coupler.restore(here)
     with pytest.raises(InputError, match="tuple"):
-        CoupledSnapshot(here.ports, here.net, (1.0,), here.memory).save(tmp_path / "no")
+        CoupledSnapshot(here.ports, here.net, (1.0,), here.discrete).save(tmp_path / "no")
     net.snapshot().save(tmp_path / "net")
     with pytest.raises(InputError, match="requires"):
         CoupledSnapshot.load(tmp_path / "net")

@@ -14,8 +14,8 @@ from exunet import FrameState, InputError
 from exunet.bodies.port import (
     INSIDE,
     FrameOf,
-    Guide,
     Piece,
+    PrescribedMotion,
     PrincipalState,
     difference,
     frames_of,
@@ -46,9 +46,9 @@ def piece_between(time: float, duration: float, begin: FrameState, end: FrameSta
     return Piece(time, position, np.array(begin.attitude), turning)
 
 
-def guide_of(piece: Piece) -> Guide:
+def guide_of(piece: Piece) -> PrescribedMotion:
     parts = (part[None] for part in (piece.position, piece.attitude, piece.turning))
-    return Guide(np.array([piece.time]), *parts, np.zeros(3))
+    return PrescribedMotion(np.array([piece.time]), *parts, np.zeros(3))
 
 
 def some_rows(seed: int, number: int = 2) -> Floats:
@@ -57,7 +57,7 @@ def some_rows(seed: int, number: int = 2) -> Floats:
 
 
 def test_a_piece_has_the_states_of_both_ends_and_the_mean_position() -> None:
-    """By the guide that computes the same motion on whole arrays; attitudes up to their sign."""
+    """By the prescribed motion that computes the same motion on whole arrays; attitudes up to their sign."""
     random = np.random.default_rng(0)
     begin, end = some_state(random), some_state(random)
     piece = piece_between(2.0, 0.3, begin, end)

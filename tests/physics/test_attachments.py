@@ -45,7 +45,7 @@ SECOND = (
     "angular_velocity=[0.1, 2.0, 0.0]}",
     "bodies.second.attachments.x={point=[-0.1, 0.1, 0.2], node=2}",
 )
-GUIDED = (*SECOND, "bodies.second.motion=prescribed")
+PRESCRIBED = (*SECOND, "bodies.second.motion=prescribed")
 RK44 = ("solver.method=RK44", "solver.step=5e-5")
 
 
@@ -108,7 +108,7 @@ BROKEN = "effects.breaking.force=20.0"
 
 @pytest.mark.slow
 @pytest.mark.parametrize("effect", ["", DAMPED, BROKEN], ids=["kept", "damped", "broken"])
-@pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "prescribed"])
+@pytest.mark.parametrize("second", [SECOND, PRESCRIBED], ids=["free", "prescribed"])
 @every_backend
 def test_momentum_and_energy_are_kept(
     backend: str, second: tuple[str, ...], effect: str, tmp_path: Path
@@ -124,7 +124,7 @@ def test_momentum_and_energy_are_kept(
     np.testing.assert_allclose(last.angular_momentum[0] - first.angular_momentum[0], given[3:6], atol=1e-11)
     assert sim.energy.total == pytest.approx(energy, abs=1e-6 if effect != BROKEN else 1e-4)
     assert sim.largest_tension.tension > 20.0
-    if second is SECOND:  # else what the guided body gives is in it too
+    if second is SECOND:  # else what the prescribed body gives is in it too
         assert (sim.energy.dissipated > 1e-3) == (effect != "")
 
 
@@ -169,7 +169,7 @@ def test_a_force_on_an_attached_node_is_one_on_its_body(backend: str) -> None:
 @pytest.mark.slow
 @every_backend
 def test_a_snapshot_of_bodies_on_a_cable(backend: str, tmp_path: Path) -> None:
-    begin = start(*FIRST, *GUIDED, BACKENDS[backend], "solver.method=RK44", "solver.step=1e-4")
+    begin = start(*FIRST, *PRESCRIBED, BACKENDS[backend], "solver.method=RK44", "solver.step=1e-4")
     one, other = exunet.Simulation(begin), exunet.Simulation(begin)
     one.advance_to(0.1)
     other.advance_to(0.02)

@@ -180,7 +180,7 @@ def test_the_potential_is_that_of_loads_and_of_kernel_terms() -> None:
     around = np.linalg.norm(at - np.roll(at, 1, axis=1), axis=2).sum(axis=1)
     known = 200.0 * 2.0 / 8.0 * ((around / 2.0) ** 2 - 1.0) ** 2
     known -= np.einsum("n,kna,a->k", [2.0, 0.1, 0.3], at, [0.1, -0.2, -9.81])
-    found = energy.potential(system.forces, x, dict(system.memory))
+    found = energy.potential(system.forces, x, dict(system.discrete))
     np.testing.assert_allclose(found, known, rtol=1e-3)
 
 

@@ -25,7 +25,7 @@ from scenes import (
 
 import exunet
 from exunet import BodiesHost, Coupler, NetSystem, RunStopped
-from exunet.forces.contact.status import Status, status_of
+from exunet.forces.contact.status import ContactStatus, status_of
 from exunet.results.summary import summarise
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
@@ -51,9 +51,9 @@ STILL = "bodies.one.velocity=[0.0,0.0,0.0]"
 SLOPE = "effects.gravity.acceleration=[1.4715,0.0,-9.81]"  # of 0.15
 
 
-def status(sim: Simulation, presses: str = "one", touched: str = "other") -> Status:
+def status(sim: Simulation, presses: str = "one", touched: str = "other") -> ContactStatus:
     """Of what one body presses into another."""
-    return status_of(sim.view.memory[f"contact/body_{presses}/{touched}"])
+    return status_of(sim.view.discrete[f"contact/body_{presses}/{touched}"])
 
 
 @pytest.mark.slow
@@ -140,7 +140,7 @@ def test_what_is_held_on_a_slope_creeps_as_the_law_says(tmp_path: Path) -> None:
 
 
 def sticking(*changes: str) -> list[str]:
-    """Overrides with friction that has a memory in place of what is smooth in the speed."""
+    """Overrides with friction that has a discrete state in place of what is smooth in the speed."""
     found = [change for change in changes if "slip_speed" not in change]
     return [item.replace("regularised", "sticking") for item in found]
 

@@ -50,7 +50,7 @@ class Scene(Placed):
         self._axes = {name: self.attitude(name).copy() for name in NAMES}
 
     def terms(self) -> list[tuple[KernelTerm, Any]]:
-        return [(term, data) for term, data in super().terms() if term.memory.name.startswith("contact/")]  # type: ignore[union-attr]
+        return [(term, data) for term, data in super().terms() if term.discrete.name.startswith("contact/")]  # type: ignore[union-attr]
 
     def place(self, name: str, centre: Any = None, attitude: Any = None) -> None:
         """Put a body somewhere: its centre of mass (3,) [m], a quaternion of its frame (4,)."""
@@ -65,11 +65,11 @@ class Scene(Placed):
         self.v[self.blocks.centre(name) :][:3] = velocity
         self.v[self.blocks.spin(name) :][:3] = spin
 
-    def pressed(self, *memories: Any) -> Pressed:
-        """At this state; memories : data of the terms, where what happened before counts."""
+    def pressed(self, *discrete_states: Any) -> Pressed:
+        """At this state; discrete states : data of the terms, where what happened before counts."""
         force, depth = np.zeros(self.blocks.n_force), 0.0
         for k, (term, fresh) in enumerate(self.terms()):
-            data = memories[k] if memories else copied(fresh)
+            data = discrete_states[k] if discrete_states else copied(fresh)
             term.add(0.0, self.x, self.v, data, force)
             depth = max(depth, data.now[0])
         on = {name: force[self.blocks.centre(name) :][:3].copy() for name in NAMES}

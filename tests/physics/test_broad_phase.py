@@ -51,8 +51,8 @@ def test_a_step_that_is_tried_again_chooses_again(start: Start) -> None:
 
 def test_the_depth_of_a_rejected_attempt_does_not_stop_a_run(start: Start) -> None:
     term, data = threads_of(start)
-    assert term.memory is not None
-    assert term.memory.wrong is not None
+    assert term.discrete is not None
+    assert term.discrete.wrong is not None
     assert term.remember is not None
     x, v = start.system.layout.pack(start.state.moving)
     nodes = slice(3 * start.net.n_nodes)
@@ -65,15 +65,15 @@ def test_the_depth_of_a_rejected_attempt_does_not_stop_a_run(start: Start) -> No
     for time, state, wrong in ((5e-4, x, False), (1.0, deep, True)):
         term.add(time, state, v, data, force)
         term.remember(time, state, v, data)
-        assert bool(term.memory.wrong(data.kept)) == wrong
+        assert bool(term.discrete.wrong(data.kept)) == wrong
 
 
 @pytest.mark.parametrize(("what", "speeds"), [("element", "threads"), ("bullet", "bullets")])
 def test_steps_that_may_pass_through_a_body_are_reported(what: str, speeds: str, start: Start) -> None:
     """The fastest of what is near, after a step in which it goes more than half of the box's thickness."""
     term = next(kernel for kernel in start.system.forces.kernels if kernel.acts_on.startswith(speeds))
-    assert term.memory is not None
-    assert term.memory.wrong is not None
+    assert term.discrete is not None
+    assert term.discrete.wrong is not None
     assert term.remember is not None
     x, v = start.system.layout.pack(start.state.moving)
     x, v = x.copy(), np.zeros_like(v)
@@ -85,14 +85,14 @@ def test_steps_that_may_pass_through_a_body_are_reported(what: str, speeds: str,
     v[: 3 * start.net.n_nodes].reshape(-1, 3)[others] = [0.0, 0.0, -1.0]
     data = copied(term.data)
     for time in (0.0, 1e-3, 1e-3 + 1.01 * 0.05 / 30.0):  # half of the box's 0.1 m at 30 m/s
-        assert term.memory.wrong(data.kept) == ""
+        assert term.discrete.wrong(data.kept) == ""
         term.add(time, x, v, data, np.zeros(start.system.blocks.n_force))
         term.remember(time, x, v, data)
     found = status_of(data.kept)
     sharing = np.flatnonzero(np.isin(start.net.element_nodes, nodes).any(axis=1))
     assert found.wrong_pair in (sharing if what == "element" else [0])
     assert found.wrong_time == pytest.approx(1e-3 + 1.01 * 0.05 / 30.0)
-    assert term.memory.wrong(data.kept)
+    assert term.discrete.wrong(data.kept)
 
 
 def test_threads_between_boxes_and_ball_are_not_near(start: Start) -> None:

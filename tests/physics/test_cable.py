@@ -15,8 +15,8 @@ from scipy.sparse import csr_array
 
 from exunet.forces import cable, law, loops
 from exunet.forces.blocks import Blocks
-from exunet.forces.cable import Law
-from exunet.forces.cable_term import OVERSHOOT, Breaking, CableTerm, ElementLaw, breaking_lengths
+from exunet.forces.cable import AxialLaw
+from exunet.forces.cable_term import OVERSHOOT, BreakingEvents, CableTerm, ElementLaw, breaking_lengths
 from exunet.forces.effects import bending, breaking
 from exunet.forces.effects.thermal_strain import ThermalStrain
 from exunet.forces.law import tension
@@ -31,7 +31,7 @@ from exunet.simulation.run import simulate
 
 RANDOM = np.random.default_rng(20261121)
 NATURAL = np.array([0.8, 0.9, 1.1, 1.3, 1.0, 1.2])
-LAW = Law(NATURAL, np.array([3.0, 5.0, 7.0, 2.0, 4.0, 6.0]), np.array([0.1, 0.3, 0.2, 0.4, 0.25, 0.15]))
+LAW = AxialLaw(NATURAL, np.array([3.0, 5.0, 7.0, 2.0, 4.0, 6.0]), np.array([0.1, 0.3, 0.2, 0.4, 0.25, 0.15]))
 State = tuple[np.ndarray, np.ndarray]
 NET: Any = SimpleNamespace(element_nodes=ENDS)  # as much of a net as the laws ask for
 FIRST, SECOND = 3 * ENDS.T
@@ -42,7 +42,7 @@ VISCOUS = loops.ViscousElements(*LOOP, TWICE, np.zeros(len(ENDS)), np.zeros(2))
 
 @pytest.mark.parametrize("viscous", [False, True])
 def test_the_loops_have_the_tensions_and_the_energy_of_the_law(viscous: bool) -> None:
-    law = LAW if viscous else Law(LAW.natural_length, LAW.stiffness)
+    law = LAW if viscous else AxialLaw(LAW.natural_length, LAW.stiffness)
     pulled = []
     for x, v in random_states(20):
         tension = cable.element_tension(NET, law, x, v)
@@ -237,14 +237,14 @@ def test_a_free_strain_is_another_length_and_stiffness() -> None:
     net: Any = SimpleNamespace(
         reference_length=np.array([2.0]), axial_stiffness=np.array([7.0]), law_number=None, law_table=NO_TABLE
     )
-    law = Law.of(net, np.array([0.03]), np.array([0.2]))
+    law = AxialLaw.of(net, np.array([0.03]), np.array([0.2]))
     length = np.array([2.2])
     strain = (2.2**2 - 2.0**2) / (2.0 * 2.0**2) - 0.03
     assert tension(length, law.natural_length, law.stiffness) == pytest.approx(7.0 * strain * 1.1)
     assert cable.elastic_energy(law, length) == pytest.approx(0.5 * 7.0 * strain**2 * 2.0)
     assert law.relaxation_time is not None
     assert law.relaxation_time.tolist() == [0.2]
-    assert Law.of(net).natural_length is net.reference_length
+    assert AxialLaw.of(net).natural_length is net.reference_length
     assert law.of_intact(None) is law
     assert law.of_intact(np.array([0.5])).stiffness == pytest.approx(0.5 * law.stiffness)
 
@@ -252,7 +252,7 @@ def test_a_free_strain_is_another_length_and_stiffness() -> None:
 # Breaking
 
 
-def breaking_pair(**limit: Any) -> tuple[Breaking, float]:
+def breaking_pair(**limit: Any) -> tuple[BreakingEvents, float]:
     """One element of 0.5 m and 40 N whose limit is a strain of 0.02, and its length there [m]."""
     net: Any = SimpleNamespace(
         n_nodes=2,
@@ -263,7 +263,7 @@ def breaking_pair(**limit: Any) -> tuple[Breaking, float]:
         law_table=NO_TABLE,
     )
     term = CableTerm(net, ElementLaw(**({"breaking_strain": np.array([0.02])} | limit)))
-    return Breaking(term), 0.5 * math.sqrt(1.04)
+    return BreakingEvents(term), 0.5 * math.sqrt(1.04)
 
 
 def places(length: float) -> np.ndarray:
@@ -274,16 +274,16 @@ def test_a_broken_element_loses_what_it_held() -> None:
     breaking, limit = breaking_pair()
     length, still = 0.5 * math.sqrt(1.0 + 2.0 * 0.0201), np.zeros(6)  # a strain of 0.0201
     for part, intact, beyond in ((1.000001, 1.0, [0]), (0.999999, 1.0, []), (1.000001, 0.0, [])):
-        x, memory = places(limit * part), np.array([intact])
-        assert breaking.crossed(0.0, x, still, memory).tolist() == beyond
-        assert (loops.beyond_limit(0.0, x, still, breaking.limits(memory)) >= 0.0) == bool(beyond)
+        x, discrete = places(limit * part), np.array([intact])
+        assert breaking.crossed(0.0, x, still, discrete).tolist() == beyond
+        assert (loops.beyond_limit(0.0, x, still, breaking.limits(discrete)) >= 0.0) == bool(beyond)
     for at, beyond in ((limit, []), (float(np.nextafter(limit, 1.0)), [0])):
         x = np.array([0, 0, 0, 0, at, 0])
         assert breaking.crossed(0.0, x, still, np.ones(1)).tolist() == beyond
         assert loops.beyond_limit(0.0, x, still, breaking.limits(np.ones(1))) >= 0.0  # `crossed` decides
     change = breaking.change(7.0, places(length), still, np.ones(1), np.array([0]), {})
     assert change.energy_lost == pytest.approx(0.5 * 40.0 * 0.5 * 0.0201**2, rel=1e-12)
-    assert change.memory.tolist() == [0.0]
+    assert change.discrete.tolist() == [0.0]
     (told,) = change.events
     assert told.energy_J == change.energy_lost
     assert told.energy_excess == pytest.approx(1.005**2 - 1.0, rel=1e-10)
@@ -308,8 +308,8 @@ def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
     least, far = 1e-15, 0.5 * math.sqrt(1.0 + 2.0 * 0.02 * (1.0 + OVERSHOOT))
     parting = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])  # 1 m/s
 
-    def step(length: float, step: float, memory: float = 1.0, least: float = least) -> float:
-        intact = np.array([memory])
+    def step(length: float, step: float, discrete: float = 1.0, least: float = least) -> float:
+        intact = np.array([discrete])
         found = breaking.step_within(step, least, places(length), parting, intact)
         assert loops.step_to_limit(step, least, places(length), parting, breaking.limits(intact)) == found
         return found
@@ -323,7 +323,7 @@ def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
     near = limit * (1.0 - 1e-12)
     assert step(near, whole) == whole / 2 ** math.ceil(math.log2(whole / gap))
     assert step(limit + gap / 2, whole) == whole  # beyond already: the next event takes it out
-    assert step(near, whole, memory=0.0) == whole  # broken before
+    assert step(near, whole, discrete=0.0) == whole  # broken before
     assert step(near, whole, least=whole / 5) == whole / 8
     assert step(near, whole, least=whole / 8) == whole / 8
 

@@ -15,7 +15,7 @@ from scipy.optimize import fsolve
 
 from exunet.base.errors import CaseError, RunStopped
 from exunet.forces import law
-from exunet.forces.cable import Law
+from exunet.forces.cable import AxialLaw
 from exunet.forces.total import Forces
 from exunet.kernels.kernel import Kernel
 from exunet.model.limits import largest_frequency
@@ -80,7 +80,7 @@ def test_laws_by_length_and_by_squared_length_agree_for_all_laws() -> None:
         (hooke, 1000.0 * (stretch - 1.0)),
         (number, np.array([0.0, 0.0, 10.0, 20.0, 35.0, 340.0])),
     ):
-        thread = Law(np.full(6, 0.7), np.full(6, 1000.0), np.full(6, 0.01), np.full(6, of), rows)
+        thread = AxialLaw(np.full(6, 0.7), np.full(6, 1000.0), np.full(6, 0.01), np.full(6, of), rows)
         wanted = np.maximum(wanted, 0.0)
         np.testing.assert_allclose(thread.tension(0.7 * stretch), wanted, rtol=1e-12, atol=1e-12)
         slope = (
@@ -95,7 +95,7 @@ def test_laws_by_length_and_by_squared_length_agree_for_all_laws() -> None:
         fine = 0.7 * np.linspace(1.0, stretch[-1], 160001)
         assert held[-1] == pytest.approx(
             np.trapezoid(
-                Law(*(np.full(160001, c) for c in (0.7, 1000.0, 0.0, of)), rows).tension(fine), fine
+                AxialLaw(*(np.full(160001, c) for c in (0.7, 1000.0, 0.0, of)), rows).tension(fine), fine
             ),
             rel=1e-8,
         )  # the area under the tension

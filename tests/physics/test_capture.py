@@ -21,7 +21,7 @@ from exunet.net.areas import achievable_area, rim_area
 from exunet.results.capture import Measures, capture, halton, target_of
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.observables import Observables
-from exunet.results.outcome import Motion, Outcome, holds_since, judge, leaves_through, outcome
+from exunet.results.outcome import CaptureFacts, Outcome, holds_since, judge, leaves_through, outcome
 from exunet.results.penetration import Touch, contact_places, threads_inside
 from exunet.results.result import BodyStates
 from exunet.scene.capture import Capture
@@ -195,11 +195,11 @@ def test_outcome_of_a_capture(
     by = rule(duration=duration, relative_speed=0.5)
     time = np.arange(len(parts), dtype=float)
     touch = Touch(nothing, nothing > 0.0, 0.0 if touched else None)
-    verdict = judge(by, time, measures, touch, Motion())
+    verdict = judge(by, time, measures, touch, CaptureFacts())
     assert (verdict.outcome, verdict.since) == (known, since)
-    stopped = judge(by, time, measures, touch, Motion(complete=False))
+    stopped = judge(by, time, measures, touch, CaptureFacts(complete=False))
     assert stopped.outcome is Outcome.UNDETERMINED
-    closing = judge(by, time, measures, touch, Motion(closes=True))
+    closing = judge(by, time, measures, touch, CaptureFacts(closes=True))
     assert closing.outcome is (Outcome.CLOSING if known is Outcome.WRAPPED else known)
 
 
@@ -222,9 +222,9 @@ def test_a_mouth_that_must_be_narrow() -> None:
     mouth = np.array([0.4, 0.4, 0.3, 0.2])
     measures = Measures(nothing + 1.0, nothing, nothing, mouth, nothing, nothing, nothing)
     touch = Touch(nothing, nothing > 0.0, 0.0)
-    verdict = judge(rule(duration=1.0, mouth=0.3), np.arange(4.0), measures, touch, Motion())
+    verdict = judge(rule(duration=1.0, mouth=0.3), np.arange(4.0), measures, touch, CaptureFacts())
     assert (verdict.outcome, verdict.since) == (Outcome.CAPTURED, 2.0)
-    verdict = judge(rule(duration=1.0, mouth=0.25), np.arange(4.0), measures, touch, Motion())
+    verdict = judge(rule(duration=1.0, mouth=0.25), np.arange(4.0), measures, touch, CaptureFacts())
     assert verdict.outcome == Outcome.UNDETERMINED
     assert holds_since(np.arange(4.0), verdict.conditions["mouth"].holds) == 3.0
     assert holds_since(np.arange(4.0), verdict.conditions["mouth"].values > 0.25) is None
@@ -239,11 +239,11 @@ def test_a_bound_of_a_condition_itself_holds() -> None:
     of["distance"] = beyond
     touching = np.array([3.0, 2.0, 4.0])
     touch = Touch(touching, touching > 0.0, 0.0)
-    held = judge(by, np.arange(3.0), Measures(**of), touch, Motion()).conditions
+    held = judge(by, np.arange(3.0), Measures(**of), touch, CaptureFacts()).conditions
     assert sorted(held) == sorted([*bounds, "enclosed", "touching"])
     for name, condition in held.items():
         assert condition.holds.tolist() == [True, name in bounds, name not in bounds]
-    alone = judge(rule(), np.arange(3.0), Measures(**of), touch, Motion())
+    alone = judge(rule(), np.arange(3.0), Measures(**of), touch, CaptureFacts())
     assert alone.conditions.keys() == {"enclosed"}
 
 

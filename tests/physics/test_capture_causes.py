@@ -9,7 +9,7 @@ from scenes import NET_AT_BALL, of_text
 
 import exunet
 from exunet.results.observables import Observables
-from exunet.results.outcome import Cause, Outcome, Reason, Verdict, outcome, reason
+from exunet.results.outcome import Cause, Outcome, Reason, RunOutcome, outcome, reason
 from exunet.results.summary import summary_of
 from exunet.results.table import text
 
@@ -115,7 +115,7 @@ FAILURES = {
 }
 
 
-def judged(*settings: str) -> tuple[Verdict, Reason | None, str]:
+def judged(*settings: str) -> tuple[RunOutcome, Reason | None, str]:
     """Outcome, cause, and the first fifteen lines that `exunet run` prints, in one line."""
     run = Observables(exunet.run(of_text(NET_AT_BALL, *settings)))
     found = outcome(run)

@@ -114,8 +114,8 @@ def bounced(
     sim.advance(until)
     velocity = sim.net.velocity[which]
     assert np.ptp(velocity[:, 2]) < 1e-9
-    memory = sim.view.memory[f"contact/{'threads' if which is THREADS else 'bullets'}/plate"]
-    assert status_of(memory).first_touch > 0.0
+    discrete = sim.view.discrete[f"contact/{'threads' if which is THREADS else 'bullets'}/plate"]
+    assert status_of(discrete).first_touch > 0.0
     return float(velocity[0, 2])
 
 
@@ -183,7 +183,7 @@ def test_the_duration_of_a_hertzian_impact(tmp_path: Path) -> None:
     assert sim.net.velocity[0, 2] == pytest.approx(1.0, abs=1e-6)
     height = sim.net.position[0, 2] - (-0.05 + 0.02)
     assert 0.1 - 0.03 - height == pytest.approx(known, rel=1e-6)
-    status = status_of(sim.view.memory["contact/bullets/plate"])
+    status = status_of(sim.view.discrete["contact/bullets/plate"])
     assert status.depth == pytest.approx(deepest, rel=1e-6)
     assert status.first_touch == pytest.approx(0.03, abs=1.5 * step)
 

@@ -51,8 +51,8 @@ def momenta(sim: Simulation) -> tuple[Floats, Floats, float, float]:
 
 def touched(sim: Simulation) -> tuple[float, float]:
     """The most threads and bullets that touched at once."""
-    memory = sim.view.memory
-    return status_of(memory["contact/threads/box"]).most, status_of(memory["contact/bullets/box"]).most
+    discrete = sim.view.discrete
+    return status_of(discrete["contact/threads/box"]).most, status_of(discrete["contact/bullets/box"]).most
 
 
 @pytest.mark.slow
@@ -84,7 +84,7 @@ def test_momentum_and_energy_are_kept(shape: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 @every_shape
 def test_both_back_ends_give_the_same_motion(shape: str, tmp_path: Path) -> None:
-    """With friction and its memory, until threads that snap taut make it chaotic."""
+    """With friction and its discrete state, until threads that snap taut make it chaotic."""
     found = []
     for backend in BACKENDS.values():
         sim = net_on_box(tmp_path, shape, backend, "solver.step=5e-5")

@@ -16,8 +16,8 @@ import exunet
 from exunet.base.errors import InputError
 from exunet.forces import corner_units
 from exunet.forces.corner_units import (
-    MEMORY,
     SPENT,
+    STATE_NAME,
     WORK,
     AnyControl,
     Control,
@@ -67,7 +67,7 @@ def control_of(**more: Any) -> Control:
 
 def thrust_of(simulation: Simulation) -> np.ndarray:
     """(n, 3) the forces that act now."""
-    return simulation.state.memory[MEMORY][4:].reshape(-1, 3)
+    return simulation.state.discrete[STATE_NAME][4:].reshape(-1, 3)
 
 
 def free_motion(case: Case, goal: np.ndarray, drift: np.ndarray, n: int) -> list[np.ndarray]:
@@ -268,9 +268,9 @@ def test_a_restart_between_two_samples_goes_on_bitwise(backend: str, tmp_path: P
     one, other = Simulation(case), Simulation(case)
     for time, samples in ((0.06, 4.0), (0.07, 4.0)):  # at a sample, which is done then, and between two
         one.advance_to(time)
-        memory, safe = one.state.memory[MEMORY], one.run.observers.safe.state
-        assert (safe.time, memory[2]) == (time, samples)
-        np.testing.assert_array_equal(safe.memory[MEMORY], memory)
+        discrete, safe = one.state.discrete[STATE_NAME], one.run.observers.safe.state
+        assert (safe.time, discrete[2]) == (time, samples)
+        np.testing.assert_array_equal(safe.discrete[STATE_NAME], discrete)
     continue_alike(one, other, 0.15, tmp_path)
 
 

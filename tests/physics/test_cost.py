@@ -36,9 +36,9 @@ from exunet.studies.cost.settings import (
 )
 from exunet.studies.cost.study import (
     Converged,
+    CostStudy,
     Row,
     Status,
-    Study,
     Verdict,
     compare_distributions,
     converge,
@@ -64,8 +64,8 @@ def entry(
     return Row(setting, Status.RAN, "", measured, [seconds], max(error, SURE.uncertainty))
 
 
-def study(rows: list[Row], converged: Converged = SURE) -> Study:
-    return Study(subject(0.01, reference=False), rows, converged)
+def study(rows: list[Row], converged: Converged = SURE) -> CostStudy:
+    return CostStudy(subject(0.01, reference=False), rows, converged)
 
 
 @pytest.mark.ci
@@ -173,7 +173,7 @@ def test_a_method_that_the_scene_does_not_allow_is_refused(name, method):
     """And all finer settings of it without a run."""
     scene = subject(0.01, name=name, reference=False)
     rows = [Row(setting) for setting in ladder(scene.start, Backend.EXUDYN, method)]
-    run_study(study_ := Study(scene, rows, SURE), lambda: 1.0, lambda words: None)
+    run_study(study_ := CostStudy(scene, rows, SURE), lambda: 1.0, lambda words: None)
     assert {row.status for row in study_.rows} == {Status.REFUSED}
     with pytest.raises(CaseError, match=rows[0].reason[:20]):
         scene.prepare(rows[-1].setting)
@@ -187,7 +187,7 @@ def test_a_method_that_blows_up_keeps_its_reason():
     with pytest.raises(RunStopped, match="diverged"):
         run(subject(0.6), forced)
     rows = [Row(forced)]
-    run_study(Study(subject(0.6), rows, SURE), lambda: 60.0, lambda words: None)
+    run_study(CostStudy(subject(0.6), rows, SURE), lambda: 60.0, lambda words: None)
     assert rows[0].status == Status.FAILED
     assert "diverged" in rows[0].reason
 
@@ -216,7 +216,7 @@ def test_a_step_above_the_stable_one_is_not_recommended():
     assert study([able, forced]).cheapest(1e-4) is able
 
 
-def columns(found: Study) -> dict[str, str]:
+def columns(found: CostStudy) -> dict[str, str]:
     """Cells of the first method by error."""
     head, lines = tables([found])[0]
     return dict(zip(head[2:], lines[0][2:], strict=True))
@@ -262,7 +262,7 @@ def test_a_budget_leaves_out_what_costs_too_much(monkeypatch):
     monkeypatch.setattr(studies, "run", pretend)
     monkeypatch.setattr(studies, "warm_up", lambda *_: None)
     rows = [Row(setting_of(Backend.EXUDYN, Method.RK44, step=10.0**-k)) for k in (3, 4, 5, 6)]
-    found = Study(subject(0.01, reference=False), rows, SURE)
+    found = CostStudy(subject(0.01, reference=False), rows, SURE)
     run_study(found, lambda: 13.5 - clock[0], lambda words: None)
     assert [len(row.seconds) for row in rows] == [4, 1, 1, 0]
     assert rows[3].status == Status.NOT_RUN
@@ -442,7 +442,7 @@ def test_the_printed_digits_decide_where_nothing_is_spread() -> None:
 
 def made(
     case: Case, *rows: tuple[str, float, float, float], outcomes: tuple[str, ...] = ("touched",)
-) -> Study:
+) -> CostStudy:
     """Study of (name, step, seconds, shift), each of 8 runs in a range of 2; outcomes of all but the last."""
     found = []
     for name, step, seconds, shift in rows:
@@ -455,7 +455,7 @@ def made(
         setting = Setting(varied, name, Method.RK44, Backend.COMPILED, step=step)
         run = Run(seconds, StepCounts(100, right_hand_sides=400))
         found.append(Row(setting, Status.RAN, "", run, [seconds], samples=samples))
-    study = Study(Subject(case, prepare_case(case)), found, None, 8, 1e-9)
+    study = CostStudy(Subject(case, prepare_case(case)), found, None, 8, 1e-9)
     compare_distributions(study)
     return study
 

@@ -10,7 +10,7 @@ import pytest
 
 from exunet.forces import closing, perimeter
 from exunet.forces.blocks import Blocks
-from exunet.forces.cable import Law
+from exunet.forces.cable import AxialLaw
 from exunet.forces.closing import Drawstring, elastic_once_slid, states_of, too_long, way_of
 from exunet.net.arrays import Net
 from exunet.net.closing import LineThroughRings, ShortenedEdge
@@ -260,7 +260,7 @@ def test_far_from_the_winch_it_may_not_slide_at_all() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_line_slides_no_farther_than_it_must(seed: int) -> None:
-    """Random lines and memories: no ratio is exceeded, line slides to higher tension, none is lost."""
+    """Random lines and discrete states: no ratio is exceeded, line slides to higher tension, none is lost."""
     rng = np.random.default_rng(seed)
     places = rng.normal(size=(12, 3))
     places[5] = places[4] + 0.3 * RING  # two rings that touch
@@ -353,7 +353,7 @@ STIFFNESS = np.array([30.0, 50.0, 70.0, 20.0, 40.0])
 
 
 def edge(
-    mass: Floats, law: Law, elements: tuple[int, ...] = (3, 0, 1), **given: float
+    mass: Floats, law: AxialLaw, elements: tuple[int, ...] = (3, 0, 1), **given: float
 ) -> perimeter.Shortening:
     """Some elements of a small net, which begin to become shorter at 0.1 s, by 2 / s, down to 0.6."""
     n = len(mass)
@@ -371,7 +371,7 @@ def test_force_work_and_energy_of_threads(time: float | None) -> None:
     Each thread pulls by EA (e + tau de/dt) lambda, and not at all where it is slack.
     """
     random = np.random.default_rng(4)
-    law = Law(LENGTH, STIFFNESS, None if time is None else np.full(5, time))
+    law = AxialLaw(LENGTH, STIFFNESS, None if time is None else np.full(5, time))
     one = edge(np.full(4, 0.5), law)
     assert one.elements == (3, 0, 1)
     data, taut = one.data(np.ones(1)), 0
@@ -410,7 +410,7 @@ def test_force_work_and_energy_of_threads(time: float | None) -> None:
 
 
 def test_threads_whose_ends_meet_do_not_pull() -> None:
-    one = edge(np.full(4, 0.5), Law(LENGTH, STIFFNESS, np.full(5, 0.02)))
+    one = edge(np.full(4, 0.5), AxialLaw(LENGTH, STIFFNESS, np.full(5, 0.02)))
     x, force = np.append(np.full(12, 0.3), [0.7, 0.0]), np.zeros(14)
     perimeter.add_threads(0.0, x, np.ones(12), one.data(np.ones(1)), force)
     assert force.tolist() == [0.0] * 12 + [-2.0, 0.0]

@@ -108,18 +108,18 @@ LEAVES = {
     "rayleigh_damping": ({"damping"}, {"add_velocity_product"}),
     "air_drag": ({"kernels"}, {"add_cross_flow", "add_bullet_drag"}),
     "bending": ({"stiffness"}, {"add_position_product"}),
-    "breaking": ({"breaking_strain", "memory", "switch"}, {"add_no_force"}),
-    "contact": ({"kernels", "memory"}, {"add_thread_contact"}),
+    "breaking": ({"breaking_strain", "discrete", "switch"}, {"add_no_force"}),
+    "contact": ({"kernels", "discrete"}, {"add_thread_contact"}),
     "j2": (
         {"gyroscopic", "kernels", "stiffness"},
         {"add_velocity_product", "add_two_body", "add_position_product"},
     ),
     "launch_force": ({"kernels"}, {"add_push_of_mass"}),
     "molecular_drag": ({"kernels"}, {"add_molecular_drag"}),
-    "self_contact": ({"kernels", "memory"}, {"add_together", "add_pair"}),
+    "self_contact": ({"kernels", "discrete"}, {"add_together", "add_pair"}),
     "solar_pressure": ({"load"}, {"add_load"}),
     "thermal_strain": ({"free_strain"}, set()),
-    "thrust": ({"kernels", "memory", "switch"}, {"add_thrust"}),
+    "thrust": ({"kernels", "discrete", "switch"}, {"add_thrust"}),
 }
 
 
@@ -133,7 +133,7 @@ def filled(forces: Forces) -> set[str]:
     parts = {name: getattr(linear, name) for name in ("damping", "gyroscopic", "stiffness", "load")}
     parts |= {name: getattr(law, name) for name in ElementLaw.__dataclass_fields__}
     parts |= {"kernels": forces.kernels or None}
-    parts |= {"memory": forces.memories or None, "switch": forces.switches or None}
+    parts |= {"discrete": forces.discrete_states or None, "switch": forces.switches or None}
     assert forces.linear is None or any(parts[name] is not None for name in list(parts)[:4])
     return {name for name, value in parts.items() if value is not None}
 

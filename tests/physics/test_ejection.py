@@ -228,7 +228,7 @@ def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(motion: str, tied:
 @every_backend
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
 def test_a_support_takes_the_reaction_of_an_ejection(backend: str, motion: str) -> None:
-    """What a support or a guide gives is the change of the momenta; the ejection puts energy in."""
+    """What a support or a prescribed motion gives is the change of the momenta; the ejection puts energy in."""
     keys = f"{{mass=80.0, inertia=[1.0, 1.0, 1.0], motion='{motion}'{POSES * (motion != 'fixed')}}}"
     short = SHORT[:2]
     found = exunet.run(exunet.load(LAUNCH, [*short, LATER, FREE, BACKENDS[backend], f"bodies.chaser={keys}"]))

@@ -18,7 +18,7 @@ from exunet.base.run_events import RunEvent
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.loops import add_no_force
-from exunet.forces.terms import Change, Input, KernelTerm, Memory, Switch
+from exunet.forces.terms import Change, DiscreteState, Input, KernelTerm, Switch
 from exunet.model.system import System
 from exunet.results.io import save
 from exunet.simulation.preparation import Start, prepare_case
@@ -72,16 +72,18 @@ class Plane(Switch):
     def __init__(self, mass: float, *, back: bool) -> None:
         self._mass, self._back = mass, back
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> np.ndarray:
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> np.ndarray:
         return np.flatnonzero([x[2] <= 0.0 and v[2] < 0.0])
 
-    def in_steps(self, memory: Floats) -> bool:
+    def in_steps(self, discrete: Floats) -> bool:
         return True
 
-    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        return step_to_plane(step, least, x, v, Count(memory))
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, discrete: Floats) -> float:
+        return step_to_plane(step, least, x, v, Count(discrete))
 
-    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: np.ndarray, _: Any) -> Change:
+    def change(
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: np.ndarray, _: Any
+    ) -> Change:
         x, v = x.copy(), v.copy()
         at = -math.sqrt(v[2] ** 2 + 2.0 * G * x[2]) if self._back else v[2]  # the speed at the plane
         after = (at - v[2]) / G if self._back else 0.0  # s since then
@@ -89,14 +91,14 @@ class Plane(Switch):
         v[2] = -E * at - G * after
         x[2] = -E * at * after - 0.5 * G * after**2 if self._back else x[2]
         lost = before - self._mass * (0.5 * v[2] ** 2 + G * x[2])
-        return Change(memory + 1.0, lost, (RunEvent(time_s=time - after, energy_lost_J=lost),), x=x, v=v)
+        return Change(discrete + 1.0, lost, (RunEvent(time_s=time - after, energy_lost_J=lost),), x=x, v=v)
 
 
 def bouncing(folder: Path, backend: str, *overrides: str, back: bool = False) -> Start:
     def terms(blocks: Blocks) -> Sequence[KernelTerm]:
-        memory = Memory("plane/bounces", np.zeros(1), Count)
+        discrete = DiscreteState("plane/bounces", np.zeros(1), Count)
         plane, count = Plane(float(blocks.mass[0]), back=back), Count(np.zeros(1))
-        events = {"memory": memory, "switch": plane, "event": below_plane, "shorten": step_to_plane}
+        events = {"discrete": discrete, "switch": plane, "event": below_plane, "shorten": step_to_plane}
         return (KernelTerm("node", add_no_force, count, **events),)
 
     return start_of(case_file(folder, BOUNCE), [BACKENDS[backend], *overrides], terms)
@@ -156,19 +158,21 @@ net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 7e6 }}
 
 
 class Release(Switch):
-    """One node more is awake after each of the times."""
+    """One node more is active after each of the times."""
 
     times = RELEASE
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> np.ndarray:
-        return np.flatnonzero(np.searchsorted(self.times, time, side="right") > memory)
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> np.ndarray:
+        return np.flatnonzero(np.searchsorted(self.times, time, side="right") > discrete)
 
-    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: np.ndarray, _: Any) -> Change:
-        number = int(memory[0]) + 1
-        return Change(memory + 1.0, events=(RunEvent(time_s=time),), awake=awake(number))
+    def change(
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: np.ndarray, _: Any
+    ) -> Change:
+        number = int(discrete[0]) + 1
+        return Change(discrete + 1.0, events=(RunEvent(time_s=time),), active=active(number))
 
 
-def awake(released: int) -> Floats:
+def active(released: int) -> Floats:
     return np.array([1.0] * (2 + released) + [0.0] * (4 - released))
 
 
@@ -178,11 +182,11 @@ def solver(method: str) -> str:
 
 def sleeping(folder: Path, backend: str, method: str) -> Start:
     def terms(blocks: Blocks) -> Sequence[KernelTerm]:
-        memory = Memory("hold/released", np.zeros(1), Count)
-        return (KernelTerm("nodes", add_no_force, Count(np.zeros(1)), memory=memory, switch=Release()),)
+        discrete = DiscreteState("hold/released", np.zeros(1), Count)
+        return (KernelTerm("nodes", add_no_force, Count(np.zeros(1)), discrete=discrete, switch=Release()),)
 
     case = exunet.load(case_file(folder, CHAIN), [BACKENDS[backend], solver(method)])
-    return prepare_case(case).with_forces(terms, awake=awake(0))
+    return prepare_case(case).with_forces(terms, active=active(0))
 
 
 def held_by_fixed_nodes(folder: Path, backend: str, method: str) -> tuple[Floats, Floats]:
@@ -190,7 +194,7 @@ def held_by_fixed_nodes(folder: Path, backend: str, method: str) -> tuple[Floats
     start = start_of(case_file(folder, CHAIN), [BACKENDS[backend], solver(method)], lambda _: ())
     times, places, speeds = (0.0, *RELEASE, END), [start.position], [start.velocity]
     for number, (begin, end) in enumerate(pairwise(times)):
-        net = replace(start.net, fixed_nodes=np.flatnonzero(awake(number) == 0.0))
+        net = replace(start.net, fixed_nodes=np.flatnonzero(active(number) == 0.0))
         system = System(
             replace(start.system.blocks, net=net), replace(start.system.forces, cable=CableTerm(net))
         )
@@ -213,10 +217,10 @@ def test_a_chain_is_released_as_by_fixed_nodes(backend: str, method: str, tmp_pa
     assert np.abs(result.velocity - speeds).max() < 30.0 * allowed
     assert [item.time_s for item in result.run.events] == pytest.approx(RELEASE, rel=1e-12)
     for node, time in zip((2, 3, 4, 5), (*RELEASE, END), strict=True):
-        asleep = result.time <= time
-        assert not result.velocity[asleep, node].any()
-        assert (result.position[asleep, node] == result.position[0, node]).all()
-        assert node == 5 or result.velocity[~asleep, node].any()
+        inactive = result.time <= time
+        assert not result.velocity[inactive, node].any()
+        assert (result.position[inactive, node] == result.position[0, node]).all()
+        assert node == 5 or result.velocity[~inactive, node].any()
     energy = result.kinetic + result.elastic + result.potential + result.dissipated
     off = np.abs(energy - energy[0]).max()
     assert off < (1e-8 if method == "DOPRI5" else 1e-3)  # J of 2 J
@@ -234,7 +238,7 @@ def test_a_snapshot_continues_to_the_bit(backend: str, cut: float, tmp_path: Pat
     one.advance_to(cut)
     continue_alike(one, other, 0.18, tmp_path)
     one.reset()
-    assert one.state.memory["points/awake"].tolist() == awake(0).tolist()
+    assert one.state.discrete["points/active"].tolist() == active(0).tolist()
 
 
 @pytest.mark.slow_for("compiled")
@@ -245,8 +249,8 @@ def test_a_retry_begins_beyond_the_event(backend: str, tmp_path: Path) -> None:
     sim.advance_to(RELEASE[0])
     assert sim.energy.total > 0.0  # the guards have looked
     assert sim.run.observers.safe.state.time == RELEASE[0]
-    assert sim.run.observers.safe.state.memory["points/awake"].tolist() == awake(1).tolist()
-    assert sim.run.observers.safe.state.memory["hold/released"] == [1.0]
+    assert sim.run.observers.safe.state.discrete["points/active"].tolist() == active(1).tolist()
+    assert sim.run.observers.safe.state.discrete["hold/released"] == [1.0]
     assert len(sim.log.events) == 1
 
 

@@ -236,7 +236,7 @@ def test_the_impulse_of_other_terms_is_of_what_they_add() -> None:
 
 
 def test_the_reaction_of_fixed_nodes_balances_what_pulls_them() -> None:
-    other = Constraint((), (lambda memory: (memory,),))
+    other = Constraint((), (lambda discrete: (discrete,),))
     kept = from_outside.with_reactions(other, BLOCKS)
     assert kept.data[0] is other.data[0]
     for constraint in (kept, from_outside.with_reactions(None, BLOCKS)):
@@ -253,8 +253,8 @@ def test_the_reaction_of_fixed_nodes_balances_what_pulls_them() -> None:
 
 def test_thrusters_push_and_count_what_they_spend_and_give() -> None:
     """Two units: forces, |F| of each, the power of all; and the impulse of these few forces by themselves."""
-    memory, units = np.append(np.zeros(4), RANDOM.normal(size=6)), np.array([0, 6], dtype=np.uint32)
-    pulls, rate = memory[4:].reshape(2, 3), N_FORCE
+    discrete, units = np.append(np.zeros(4), RANDOM.normal(size=6)), np.array([0, 6], dtype=np.uint32)
+    pulls, rate = discrete[4:].reshape(2, 3), N_FORCE
     x, v = state()
     wanted = np.zeros(N_FORCE + 3)
     wanted[:3], wanted[6:9] = pulls
@@ -262,11 +262,11 @@ def test_thrusters_push_and_count_what_they_spend_and_give() -> None:
     wanted[rate:] = [*np.linalg.norm(pulls, axis=1), power]
     start = RANDOM.normal(size=len(wanted))
     force = start.copy()
-    corner_units.add_thrusters(0.0, x, v, corner_units.Thrusters(units, memory, 4, rate), force)
+    corner_units.add_thrusters(0.0, x, v, corner_units.Thrusters(units, discrete, 4, rate), force)
     np.testing.assert_allclose(force - start, wanted, rtol=1e-12, atol=1e-14)
     wanted[N_V : N_V + 6] = given(x, wanted[:N_FORCE])
     force = start.copy()
-    counted = corner_units.CountedThrusters(units, memory, 4, rate, N_V)
+    counted = corner_units.CountedThrusters(units, discrete, 4, rate, N_V)
     corner_units.add_counted_thrusters(0.0, x, v, counted, force)
     np.testing.assert_allclose(force - start, wanted, rtol=1e-12, atol=1e-14)
 

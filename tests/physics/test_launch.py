@@ -78,7 +78,7 @@ BEGIN, FORCE, STROKE, DEAD, EXPONENT = np.array([0.1, 0.2, -0.3]), 60.0, 0.4, 0.
 def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
     """There its force falls to zero, from F0 (V / (V + stroke))^gamma."""
     axes, bullets = np.array([[0.0, 0.0, 1.0]]), np.array([0])
-    law = launch_force.Law(60.0, 0.5, 0.5, 2.0)
+    law = launch_force.LaunchLaw(60.0, 0.5, 0.5, 2.0)
     gas = launch_force.BarrelsOnMass(bullets, 3, axes, np.array([0.25]), law)
     for way, push in ((0.5, 0.0), (0.5 - 2.0**-40, 15.0)):
         force = np.zeros(6)
@@ -104,7 +104,9 @@ def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
         for b in range(3):
             x[b] += (way[b] + BEGIN[b] - (x[b] - x[3]) @ AXES[b]) * AXES[b]
         gas = (DEAD, EXPONENT) if kind == "gas" else ()
-        data = launch_force.BarrelsOnMass(BULLETS, CHASER, AXES, BEGIN, launch_force.Law(FORCE, STROKE, *gas))
+        data = launch_force.BarrelsOnMass(
+            BULLETS, CHASER, AXES, BEGIN, launch_force.LaunchLaw(FORCE, STROKE, *gas)
+        )
         add, potential = launch_force.add_push_of_mass, launch_force.push_of_mass_potential
         if kind == "spring":
             law = FORCE * (1.0 - way / STROKE)
@@ -126,8 +128,10 @@ def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
         assert stored == pytest.approx(float(np.where(way < STROKE, left, 0.0).sum()), rel=1e-7)
 
 
-@pytest.mark.parametrize("law", [launch_force.Law(60.0, 0.4), launch_force.Law(60.0, 0.4, 0.15, 1.4)])
-def test_force_and_torque_do_the_virtual_work_of_the_potential(law: launch_force.Law) -> None:
+@pytest.mark.parametrize(
+    "law", [launch_force.LaunchLaw(60.0, 0.4), launch_force.LaunchLaw(60.0, 0.4, 0.15, 1.4)]
+)
+def test_force_and_torque_do_the_virtual_work_of_the_potential(law: launch_force.LaunchLaw) -> None:
     """Moves of bullet and body, and turns of the body, against the change of U by central differences.
 
     Behind the start, in the barrel, out of it, and back in it after it had left.

@@ -20,7 +20,7 @@ from exunet.net.arrays import TetherNodes
 from exunet.results import measures
 from exunet.results.measures import shares_of
 from exunet.results.result import BodyStates, Result, TermStates
-from exunet.results.run_record import Carried, Peak, RunRecord, ScriptEntry, UnitSettings
+from exunet.results.run_record import Carried, EntryRecord, Peak, RunRecord, UnitSettings
 from exunet.results.summary import summarise
 
 
@@ -393,7 +393,7 @@ def test_breaks_where_elements_can_break() -> None:
 
 def test_times_of_script_entries_that_wait_for_the_run() -> None:
     """Not what the case gives. What is never reached has no time, but a number of times."""
-    entries = [ScriptEntry(name, "", "", awaited=name != "given") for name in ("near", "given", "never")]
+    entries = [EntryRecord(name, "", "", awaited=name != "given") for name in ("near", "given", "never")]
     done = (("near", 0.2), ("near", 0.4), ("given", 0.5))
     events = tuple(ScriptEvent(entry=name, time_s=at, cause="", event="", done=True) for name, at in done)
     found = values_of(replace(opening(), run=RunRecord(script_entries=entries, events=events)))

@@ -29,7 +29,7 @@ def observed(tension: list[float], elastic: list[float], marks: list[int], later
     """States of a net every 0.5 s; tensions [N] of its first element, elastic energies [J]."""
     start = prepare(thrown({"method": "DOPRI5"}))
     x, v = (np.tile(part, (len(tension), 1)) for part in start.system.layout.pack(start.state.moving))
-    states = States(start.system, 0.5 * np.arange(len(tension)), x, v, start.state.memory)
+    states = States(start.system, 0.5 * np.arange(len(tension)), x, v, start.state.discrete)
     pull = np.zeros((len(tension), start.net.n_elements))
     pull[:, 0] = tension
     energies = np.array(elastic, dtype=float)

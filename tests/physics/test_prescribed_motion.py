@@ -12,12 +12,12 @@ from scenes import BACKENDS, PAIR, case_file, every_backend, of_text, refused, s
 
 import exunet
 from exunet.bodies.kinematics import (
-    Guided,
+    Prescribed,
     angular_acceleration,
     give_to_others,
-    place_guided,
+    place_prescribed,
 )
-from exunet.bodies.port import Guide
+from exunet.bodies.port import PrescribedMotion
 from exunet.bodies.rotations import angular_velocity_of, rotation_matrix
 from exunet.forces.blocks import Blocks
 from exunet.forces.terms import KernelTerm
@@ -76,27 +76,27 @@ def start(folder: Path, motion: str, backend: str, method: str = "RK44") -> Star
     return start_of(case_file(folder), keys, spring)
 
 
-def random_guide() -> tuple[Guide, Any, Any, Any]:
+def random_motion() -> tuple[PrescribedMotion, Any, Any, Any]:
     rng = np.random.default_rng(0)
     time, place, attitude = np.array([-0.1, 0.5, 1.2, 2.0]), rng.normal(size=(4, 3)), rng.normal(size=(4, 4))
     attitude /= np.linalg.norm(attitude, axis=1)[:, None]
-    return Guide.through(time, place, attitude, np.array([0.1, 0.2, 0.3])), time, place, attitude
+    return PrescribedMotion.through(time, place, attitude, np.array([0.1, 0.2, 0.3])), time, place, attitude
 
 
 def test_a_guide_goes_through_its_poses() -> None:
-    guide, time, place, attitude = random_guide()
-    states = guide.at(time)
-    points = states.position - rotation_matrix(states.attitude) @ guide.offset
+    motion, time, place, attitude = random_motion()
+    states = motion.at(time)
+    points = states.position - rotation_matrix(states.attitude) @ motion.offset
     np.testing.assert_allclose(points, place, atol=1e-14)
-    assert guide.position.shape == guide.turning.shape == (3, 4, 3)  # which stand one after the other
+    assert motion.position.shape == motion.turning.shape == (3, 4, 3)  # which stand one after the other
     np.testing.assert_allclose(np.abs((states.attitude * attitude).sum(axis=1)), 1.0, atol=1e-14)
 
 
 def test_a_guides_velocities_are_the_rates_of_its_poses() -> None:
     """Central differences of step 1e-5: their error is some 1e-10 / 6 of third derivatives of 1e2."""
-    guide, time, *_ = random_guide()
+    motion, time, *_ = random_motion()
     at, h = np.linspace(0.01, 1.99, 101), 1e-5
-    before, now, after = (guide.at(at + shift) for shift in (-h, 0.0, h))
+    before, now, after = (motion.at(at + shift) for shift in (-h, 0.0, h))
     rate = (after.position - before.position) / (2.0 * h)
     np.testing.assert_allclose(now.velocity, rate, atol=1e-7)
     one_way = (
@@ -106,35 +106,35 @@ def test_a_guides_velocities_are_the_rates_of_its_poses() -> None:
     rate = (one_way[1] * after.attitude - one_way[0] * before.attitude) / (2.0 * h)
     np.testing.assert_allclose(now.angular_velocity, angular_velocity_of(now.attitude, rate), atol=1e-7)
     for knot in time[1:3]:  # no jump of a velocity
-        low, high = guide.at(np.array([knot - 1e-12, knot + 1e-12])).angular_velocity
+        low, high = motion.at(np.array([knot - 1e-12, knot + 1e-12])).angular_velocity
         np.testing.assert_allclose(low, high, atol=1e-9)
 
 
-def entries(guides: list[Guide]) -> Guided:
+def entries(motions: list[PrescribedMotion]) -> Prescribed:
     """Of n bodies: all centres, then all attitudes in x, all spins in v, and what they give behind that."""
-    n = np.arange(len(guides), dtype=np.uint32)
+    n = np.arange(len(motions), dtype=np.uint32)
     parts = ("time", "position", "attitude", "turning")
-    return Guided(
-        np.cumsum([0, *(len(guide.time) for guide in guides)]),
-        *(np.concatenate([getattr(guide, part) for guide in guides]) for part in parts),
-        np.stack([guide.offset for guide in guides]),
+    return Prescribed(
+        np.cumsum([0, *(len(motion.time) for motion in motions)]),
+        *(np.concatenate([getattr(motion, part) for motion in motions]) for part in parts),
+        np.stack([motion.offset for motion in motions]),
         *(3 * n, 3 * len(n) + 4 * n, 3 * len(n) + 3 * n, 6 * len(n) + 7 * n),
     )
 
 
 def test_the_loop_places_several_bodies() -> None:
     """Of different numbers of pieces, where one piece meets the next and beyond the last."""
-    rng, guides = np.random.default_rng(6), []
+    rng, motions = np.random.default_rng(6), []
     for number in (3, 2, 4):
         place, attitude = rng.normal(size=(number + 1, 3)), rng.normal(size=(number + 1, 4))
         attitude /= np.linalg.norm(attitude, axis=1)[:, None]
         time = np.linspace(-0.1, 0.6, number + 1)
-        guides.append(Guide.through(time, place, attitude, rng.normal(size=3)))
-    knots = np.concatenate([guide.time[1:] for guide in guides])
+        motions.append(PrescribedMotion.through(time, place, attitude, rng.normal(size=3)))
+    knots = np.concatenate([motion.time[1:] for motion in motions])
     for time in (0.0, *knots, 0.4, 0.59):
         x, v = np.zeros(21), np.zeros(18)
-        place_guided(time, x, v, entries(guides))
-        known = [guide.at(np.array([time])) for guide in guides]
+        place_prescribed(time, x, v, entries(motions))
+        known = [motion.at(np.array([time])) for motion in motions]
         for found, part in (
             (x[:9], "position"), (v[:9], "velocity"), (x[9:], "attitude"), (v[9:], "angular_velocity"),
         ):  # fmt: skip
@@ -144,11 +144,11 @@ def test_the_loop_places_several_bodies() -> None:
 
 def test_rates_of_impulses_about_the_origin_and_of_work() -> None:
     """Of force f and torque c in the body's axes: f, x x f + R c, and f v + c w."""
-    rng, guides = np.random.default_rng(7), [random_guide()[0]] * 2
+    rng, motions = np.random.default_rng(7), [random_motion()[0]] * 2
     x, v, force = rng.normal(size=14), rng.normal(size=12), rng.normal(size=26)
     x[6:] /= np.repeat(np.linalg.norm(x[6:].reshape(2, 4), axis=1), 4)
     before = force.copy()
-    give_to_others(0.2, x, v, entries(guides), force)
+    give_to_others(0.2, x, v, entries(motions), force)
     np.testing.assert_array_equal(force[:12], before[:12])
     for b, (f, c) in enumerate(zip(before[:6].reshape(2, 3), before[6:12].reshape(2, 3), strict=True)):
         given = (before - force)[12 + 7 * b : 19 + 7 * b]
@@ -160,18 +160,18 @@ def test_rates_of_impulses_about_the_origin_and_of_work() -> None:
 
 def test_the_loops_angular_acceleration_is_the_rate_of_the_angular_velocity() -> None:
     """Central differences of step 1e-5 at small and large angles, on either side of the change of formula."""
-    guide, time, *_ = random_guide()
+    motion, time, *_ = random_motion()
     h, found = 1e-5, np.empty(3)
     for at in (*(time[1] + np.array([2e-5, 0.002, 0.0028, 0.01, 0.3])), 0.3, 1.5):
-        piece = int(np.searchsorted(guide.time, at, side="right")) - 1
-        s, (c0, c1, c2, c3) = at - guide.time[piece], guide.turning[piece]
+        piece = int(np.searchsorted(motion.time, at, side="right")) - 1
+        s, (c0, c1, c2, c3) = at - motion.time[piece], motion.turning[piece]
         angle, rate, bend = (
             ((c0 * s + c1) * s + c2) * s + c3,
             (3 * c0 * s + 2 * c1) * s + c2,
             6 * c0 * s + 2 * c1,
         )
         angular_acceleration(angle, rate, bend, found)
-        low, high = guide.at(np.array([at - h, at + h])).angular_velocity
+        low, high = motion.at(np.array([at - h, at + h])).angular_velocity
         np.testing.assert_allclose(found, (high - low) / (2.0 * h), rtol=1e-7, atol=1e-7)
 
 
@@ -179,7 +179,9 @@ def test_a_steady_guide_turns_evenly_however_long() -> None:
     """The centre moves straight; w t about a constant axis; 1e3 rad, to the bits of a sine of that."""
     spin = np.array([3.0, 0.0, 4.0])
     identity = np.array([1.0, 0.0, 0.0, 0.0])
-    states = Guide.steady(np.ones(3), np.array([1.0, 2.0, 3.0]), identity, spin).at(np.array([0.0, 200.0]))
+    states = PrescribedMotion.steady(np.ones(3), np.array([1.0, 2.0, 3.0]), identity, spin).at(
+        np.array([0.0, 200.0])
+    )
     np.testing.assert_array_equal(states.position[1], [201.0, 401.0, 601.0])
     expected = [math.cos(500.0), *(math.sin(500.0) * spin / 5.0)]
     sign = np.sign(states.attitude[1] @ expected)
@@ -192,7 +194,7 @@ def test_a_steady_guide_turns_evenly_however_long() -> None:
 @every_backend
 def test_impulse_and_work_of_a_prescribed_body(backend: str, motion: str, tmp_path: Path) -> None:
     """A spring between a node and the body. Of all else momentum and angular momentum change by what the body
-    gives, and energy by its work; and the body is where its guide says, whatever pulls at it.
+    gives, and energy by its work; and the body is where its prescribed motion says, whatever pulls at it.
 
     RK44 at 1e-4 s: measured 1e-14 N s, 3e-13 N m s and 2e-13 J of 0.01 J and more that are given.
     """
@@ -207,7 +209,7 @@ def test_impulse_and_work_of_a_prescribed_body(backend: str, motion: str, tmp_pa
     assert sim.energy.total == pytest.approx(energy, abs=1e-11)
     assert np.linalg.norm(given[:3]) > 0.1
     assert (given[6] == 0.0) == (motion == "fixed")
-    where = begin.system.kinematics.guides[0].at(np.array([state.time]))
+    where = begin.system.kinematics.motions[0].at(np.array([state.time]))
     for found, expected in zip(state.bodies.parts(), where.parts(), strict=True):
         np.testing.assert_allclose(found[1], expected[0], atol=1e-14)
 
@@ -254,7 +256,7 @@ LED = (
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_steps_end_where_the_pieces_of_a_guide_meet(backend: str, tmp_path: Path) -> None:
-    """Order 4 of RK44 for what a guide gives to masses that its body holds, which is their momentum.
+    """Order 4 of RK44 for what a prescribed motion gives to masses that its body holds, which is their momentum.
 
     Its rate has a kink there: steps across it would leave the order 2.
     """

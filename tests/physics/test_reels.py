@@ -15,7 +15,7 @@ from scenes import BACKENDS, case_file, continue_alike, every_backend, of_text, 
 import exunet
 import reference_impl
 from exunet.bodies import kinematics
-from exunet.bodies.port import Guide
+from exunet.bodies.port import PrescribedMotion
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces import reel
 from exunet.forces.on_bodies import mass_matrix
@@ -102,7 +102,7 @@ def test_where_nodes_are_at_the_start() -> None:
     speed = np.cross([0.1, -0.2, 0.3], [0.1, 0.05, -0.02]) * 2.0 / (2.0 + own)
     np.testing.assert_allclose(start.velocity[list(tether.nodes[:3])], np.tile(speed, (3, 1)), rtol=1e-12)
     assert start.state.first_order.tolist() == [pytest.approx(1.1), 0.0]
-    assert start.state.memory["line/reel"].tolist() == [2.0, 0.0]
+    assert start.state.discrete["line/reel"].tolist() == [2.0, 0.0]
 
 
 def outlet(**given: Any) -> reel.Outlet:
@@ -183,11 +183,11 @@ def test_arrays_and_loops_say_the_same(damped: bool) -> None:
     rows = np.repeat(x[None], 40, axis=0)
     rows[:, 3 * far : 3 * far + 3] += rng.normal(scale=0.3, size=(40, 3))
     speeds = rng.normal(size=(40, len(v)))
-    memory = start.state.memory
-    element, strain, tension = winding.outlets(memory, rows, speeds)
+    discrete = start.state.discrete
+    element, strain, tension = winding.outlets(discrete, rows, speeds)
     assert element == 2
     assert 5 < np.count_nonzero(tension) < 40
-    data = winding.outlet(memory["line/reel"])
+    data = winding.outlet(discrete["line/reel"])
     for k in range(40):
         natural, length, of_loop = reel.stretched(rows[k], data)
         assert tension[k] == pytest.approx(reel.pulls(rows[k], speeds[k], data)[1], rel=1e-10, abs=1e-9)
@@ -238,21 +238,21 @@ def test_forces_are_shared_with_what_a_body_holds() -> None:
 
 
 def test_guided_bodies_give_what_moves_the_points_that_they_hold() -> None:
-    """Sums of m a over points, their accelerations by differences of the guide's poses."""
+    """Sums of m a over points, their accelerations by differences of the prescribed motion's poses."""
     rng = np.random.default_rng(3)
     held, arm = random_held(rng)
     turned = rng.normal(size=(3, 4))
     turned /= np.linalg.norm(turned, axis=1)[:, None]
     knots = np.array([-0.1, 0.5, 1.2])
-    guide = Guide.through(knots, rng.normal(size=(3, 3)), turned, np.array([0.1, 0.2, 0.3]))
-    guide.turning[:, 3] = [[0.1, -0.2, 0.3], [0.3, 0.1, -0.1]]  # turned where the pieces begin, too
+    motion = PrescribedMotion.through(knots, rng.normal(size=(3, 3)), turned, np.array([0.1, 0.2, 0.3]))
+    motion.turning[:, 3] = [[0.1, -0.2, 0.3], [0.3, 0.1, -0.1]]  # turned where the pieces begin, too
     at = [np.array([k], dtype=np.uint32) for k in (0, 3, 3)]
-    pieces = np.array([0, 2]), guide.time, guide.position, guide.turning, guide.offset[None], *at
+    pieces = np.array([0, 2]), motion.time, motion.position, motion.turning, motion.offset[None], *at
     second = ((held[:, None] * arm).T @ arm)[None]
-    data = kinematics.OnGuided(*pieces, np.array([held.sum()]), (held @ arm)[None], second)
+    data = kinematics.OnPrescribed(*pieces, np.array([held.sum()]), (held @ arm)[None], second)
     for time in (0.2, 0.501, 0.9):
         h = 1e-4
-        poses = guide.at(time + np.array([-h, 0.0, h]))
+        poses = motion.at(time + np.array([-h, 0.0, h]))
         turns = rotation_matrix(poses.attitude)
         points = poses.position[:, None] + np.einsum("kij,nj->kni", turns, arm)
         needed = held[:, None] * (points[2] - 2.0 * points[1] + points[0]) / h**2
@@ -451,7 +451,7 @@ def test_commands_of_a_script_act_as_those_of_a_case(backend: str) -> None:
         by_script.advance_to(until)
         by_case.advance_to(until)
     found, known = by_script.state, by_case.state
-    assert found.memory["line/reel"][0] == known.memory["line/reel"][0] > 2.0
+    assert found.discrete["line/reel"][0] == known.discrete["line/reel"][0] > 2.0
     np.testing.assert_allclose(found.position, known.position, atol=1e-9)
     np.testing.assert_allclose(found.first_order, known.first_order, atol=1e-9)
     for wrong in (("rope", "lock"), ("line", "rate"), ("line", "pull"), ("line", "brake", None, -1.0)):
@@ -523,14 +523,14 @@ def wound(start: Start, length: float) -> tuple[np.ndarray, np.ndarray]:
 )
 def test_when_a_node_is_due(nodes: int, outlet: float, known: list[int]) -> None:
     start, drum = drum_of(command(0.25, "rate", rate=0.5))
-    memory = np.array([nodes, 1.0])
+    discrete = np.array([nodes, 1.0])
     x, v = wound(start, HALF * (nodes + 1) - outlet)
-    assert drum.crossed(0.3, x, v, memory).tolist() == known
-    memory = np.array([nodes, 0.0])
-    assert drum.crossed(0.2499, x, v, memory).tolist() == known
-    assert drum.crossed(0.25, x, v, memory).tolist() == [0, *known]
+    assert drum.crossed(0.3, x, v, discrete).tolist() == known
+    discrete = np.array([nodes, 0.0])
+    assert drum.crossed(0.2499, x, v, discrete).tolist() == known
+    assert drum.crossed(0.25, x, v, discrete).tolist() == [0, *known]
     (winding,) = start.system.forces.cable.reels
-    assert (reel.node_is_due(0.25, x, v, winding.outlet(memory)) >= 0.0) == bool(known)
+    assert (reel.node_is_due(0.25, x, v, winding.outlet(discrete)) >= 0.0) == bool(known)
 
 
 @pytest.mark.parametrize("viscous", [False, True])
@@ -556,12 +556,12 @@ def test_the_outlet_of_a_turning_drum_is_observed_at_every_step(viscous: bool) -
 def test_a_node_comes_off_on_the_line_to_the_next() -> None:
     """Along the line it has the velocity of the next node, across it that of its place on the line."""
     start, drum = drum_of()
-    system, memory = start.system, np.array([2.0, 0.0])
-    every = system.memory | {"line/reel": memory}
+    system, discrete = start.system, np.array([2.0, 0.0])
+    every = system.discrete | {"line/reel": discrete}
     x, v = wound(start, HALF * 3 - 0.75)
     v = v + 0.3 * np.random.default_rng(8).normal(size=len(v))
     before = system.layout.unpack(x, v).completed(system.kinematics, 0.3, every)
-    change = drum.change(0.3, *system.layout.pack(before), memory, np.array([2]), every)
+    change = drum.change(0.3, *system.layout.pack(before), discrete, np.array([2]), every)
     assert change.x is not None
     assert change.v is not None
     then = system.layout.unpack(change.x, change.v)
@@ -573,7 +573,7 @@ def test_a_node_comes_off_on_the_line_to_the_next() -> None:
     along = before.velocity[far] @ way
     known = along * way + across - (across @ way) * way
     np.testing.assert_allclose(then.velocity[node], known, atol=1e-13)
-    assert change.memory.tolist() == [1.0, 0.0]
+    assert change.discrete.tolist() == [1.0, 0.0]
 
 
 # A body that carries a net of two nodes and turns, and one that drifts. Tethers, slack, have elements of 1 m.

@@ -33,7 +33,7 @@ from exunet.forces.contact.segment_segment import (
     apart,
 )
 from exunet.forces.contact.self_contact import neighbours_of, threads_together
-from exunet.forces.contact.status import Status, status_of
+from exunet.forces.contact.status import ContactStatus, status_of
 from exunet.forces.effects.self_contact import SelfContact
 from exunet.forces.terms import KernelTerm
 from exunet.simulation.simulation import Simulation
@@ -332,9 +332,9 @@ def test_threads_that_are_too_near_stop_the_run() -> None:
         assert (status.wrong, status.wrong_time, status.wrong_pair) == (
             (1.0, 0.5, 11.0) if wrong else (0, 0, 0)
         )
-        assert term.memory is not None
-        assert term.memory.wrong is not None
-        assert bool(term.memory.wrong(data.kept)) == wrong
+        assert term.discrete is not None
+        assert term.discrete.wrong is not None
+        assert bool(term.discrete.wrong(data.kept)) == wrong
 
 
 def long_lines(apart: float) -> Floats:
@@ -461,8 +461,8 @@ def momenta(sim: Simulation) -> tuple[Floats, Floats]:
     return (mass * v).sum(axis=0), np.cross(x, mass * v).sum(axis=0)
 
 
-def seen(sim: Simulation) -> Status:
-    return status_of(sim.view.memory["self_contact/threads"])
+def seen(sim: Simulation) -> ContactStatus:
+    return status_of(sim.view.discrete["self_contact/threads"])
 
 
 @pytest.mark.ci

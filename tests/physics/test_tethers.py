@@ -246,7 +246,7 @@ def test_a_snapshot_before_or_after_a_release_goes_on(
     one, other = Simulation(case), Simulation(case)
     one.advance_to(at)
     continue_alike(one, other, until, tmp_path)
-    assert one.state.memory["tethers.tow.end/held"] == [0.0]
+    assert one.state.discrete["tethers.tow.end/held"] == [0.0]
     assert [event.entry for event in other.log.events] == ["go"]
 
 
@@ -275,9 +275,9 @@ def test_a_run_goes_on_from_before_and_after_a_release(tmp_path: Path) -> None:
     soon = END.replace("0.4", "0.1")
     for at, script, ties in (("first@0.3", soon, 1.0), ("other@0.3", soon, 1.0), ("first@0.6", "", 0.0)):
         sim = Simulation(restarted(tmp_path, TOWED + script, at))
-        assert sim.state.memory["tethers.tow.end/held"] == [ties]
+        assert sim.state.discrete["tethers.tow.end/held"] == [ties]
         sim.advance_to(0.9 - float(at[-3:]))
-        assert sim.state.memory["tethers.tow.end/held"] == [0.0]
+        assert sim.state.discrete["tethers.tow.end/held"] == [0.0]
         row = int(np.argmin(np.abs(first.time - 0.9)))
         np.testing.assert_allclose(sim.state.position, first.position[row], atol=1e-8)
 

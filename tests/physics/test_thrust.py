@@ -195,19 +195,19 @@ def test_the_clock_of_samples() -> None:
     def term(waits: bool) -> Any:
         return corner_units.term_of(keys, blocks, completed, waits=waits, counted=False)
 
-    switch, memory = term(False).switch, term(False).memory.initial
+    switch, discrete = term(False).switch, term(False).discrete.initial
     np.testing.assert_array_equal(term(False).data.bullets, [0, 6, 9])
-    assert switch.crossed(0.4999, x, v, memory).tolist() == []
+    assert switch.crossed(0.4999, x, v, discrete).tolist() == []
     for sample in range(3):
         due = 0.5 + 0.25 * sample
-        assert switch.instants(memory) == (due,)
-        assert switch.crossed(due, x, v, memory).tolist() == [0]
-        memory = switch.change(due, x, v, memory, none, {}).memory
-        assert switch.crossed(due, x, v, memory).tolist() == []
-        assert memory[:4].tolist() == [1.0, 0.5, sample + 1.0, sample + 1.0]
+        assert switch.instants(discrete) == (due,)
+        assert switch.crossed(due, x, v, discrete).tolist() == [0]
+        discrete = switch.change(due, x, v, discrete, none, {}).discrete
+        assert switch.crossed(due, x, v, discrete).tolist() == []
+        assert discrete[:4].tolist() == [1.0, 0.5, sample + 1.0, sample + 1.0]
         ball = np.tile(x[12:15], 3), np.tile(v[12:15], 3)
-        np.testing.assert_allclose(memory[4:], 2.0 * (ball[0] - x[places]) + ball[1] - v[places])
-    ended = corner_units.released(memory)
+        np.testing.assert_allclose(discrete[4:], 2.0 * (ball[0] - x[places]) + ball[1] - v[places])
+    ended = corner_units.released(discrete)
     assert ended.tolist() == [0.0, 0.5, 3.0, 3.0] + [0.0] * 9
     assert switch.instants(ended) == ()
     assert switch.crossed(9.0, x, v, ended).tolist() == []
@@ -216,7 +216,7 @@ def test_the_clock_of_samples() -> None:
     assert switch.instants(again) == (2.0,)
     alone = control(kind="point", point=[0.3, -0.2, 0.9], stiffness=2.0, damping=1.0)
     there = corner_units.term_of(alone, blocks, completed, waits=False, counted=False)
-    seen = there.switch.change(0.0, x, v, there.memory.initial, none, {}).memory
+    seen = there.switch.change(0.0, x, v, there.discrete.initial, none, {}).discrete
     np.testing.assert_allclose(seen[4:], 2.0 * (np.tile([0.3, -0.2, 0.9], 3) - x[places]) - v[places])
-    waiting = term(True).memory.initial
+    waiting = term(True).discrete.initial
     assert waiting.tolist() == [0.0, 0.5, 0.0, 0.0] + [0.0] * 9

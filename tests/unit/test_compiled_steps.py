@@ -12,7 +12,7 @@ from scenes import no_table, observed, without_events
 from scipy.integrate import solve_ivp
 
 from exunet.forces import cable
-from exunet.forces.cable import Law
+from exunet.forces.cable import AxialLaw
 from exunet.forces.law import STRETCH_BOUND, green_lagrange_strain
 from exunet.integrators.compiled import steps
 from exunet.integrators.compiled.loop import least_energy_beyond
@@ -21,9 +21,9 @@ from exunet.integrators.compiled.workspace import (
     Kept,
     Motion,
     ObservedSteps,
-    Run,
-    Samples,
+    StepInterval,
     StepLimits,
+    WatchedRows,
     clock_at,
     motion_at,
     no_samples,
@@ -156,7 +156,7 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
         motion, clock = at_start(), clock_at(START, 0.05)
         seen = observed(np.zeros((0, 2), dtype=int), half=0.5 * np.ones(1), look_above=np.inf)
         kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))
-        run = Run(motion, clock, seen, kept, no_samples())
+        run = StepInterval(motion, clock, seen, kept, no_samples())
         if equal:
             rows = steps.equal_steps(False, EqualSteps(START, START + H, 7, 0, 7), 0, 1, run)
             assert clock["steps"][0] == 7
@@ -242,7 +242,7 @@ def test_the_kinetic_energy_is_summed_over_all_coordinates(n_v: int, monkeypatch
 
 @pytest.mark.parametrize("viscous", [False, True])
 def test_the_largest_tension_is_that_of_the_law(viscous: bool) -> None:
-    law = Law(LENGTH, STIFFNESS, 0.5 * TWICE_TAU if viscous else None)
+    law = AxialLaw(LENGTH, STIFFNESS, 0.5 * TWICE_TAU if viscous else None)
     seen = seen_so_far(twice=TWICE_TAU if viscous else None)
     largest, every = 0.0, []
     for time, (x, v) in enumerate(states(8)):
@@ -278,7 +278,7 @@ def test_no_tension_is_larger_below_the_energy_from_which_states_are_looked_at()
 @pytest.mark.parametrize("viscous", [False, True])
 def test_each_group_has_the_largest_tension_of_its_own(viscous: bool) -> None:
     """The first two elements, and the last two; none may be missed below the energy that is looked for."""
-    law = Law(LENGTH, STIFFNESS, 0.5 * TWICE_TAU if viscous else None)
+    law = AxialLaw(LENGTH, STIFFNESS, 0.5 * TWICE_TAU if viscous else None)
     seen = seen_so_far(twice=TWICE_TAU if viscous else None, bounds=(0, 2, 4))
     every = []
     for time, (x, v) in enumerate(states(8)):
@@ -304,10 +304,10 @@ def test_what_is_watched_of_a_step_goes_into_its_row() -> None:
     """Some entries, the mean place and velocity of the first points, discrete states; until rows end."""
     random = np.random.default_rng(9)
     motion = motion_at(*random.normal(size=(2, 15)), np.ones(15), no_table(), np.zeros((0, 3)), 15)
-    weights, memory = random.uniform(size=4), random.normal(size=6)
-    of_x, of_v, of_memory = np.array([2, 7]), np.array([1, 14]), np.array([5, 0, 3])
-    looks = Samples(
-        np.array([0, 2]), of_x, of_v, of_memory, memory, weights, np.zeros(3),
+    weights, discrete = random.uniform(size=4), random.normal(size=6)
+    of_x, of_v, of_discrete = np.array([2, 7]), np.array([1, 14]), np.array([5, 0, 3])
+    looks = WatchedRows(
+        np.array([0, 2]), of_x, of_v, of_discrete, discrete, weights, np.zeros(3),
         *(np.full((15, 3), 7.0) for _ in "xv"), np.zeros((3, 3)), np.zeros((3, 6)),
     )  # fmt: skip
     assert [steps.look(time, motion, looks) for time in (0.5, 0.75)] == [False, True]
@@ -318,7 +318,7 @@ def test_what_is_watched_of_a_step_goes_into_its_row() -> None:
         np.testing.assert_array_equal(found[entries, :2], np.tile(known[entries, None], (1, 2)))
         assert (found[others] == 7.0).all()
         assert (found[:, 2] == 7.0).all()
-    np.testing.assert_array_equal(looks.reported[:2], np.tile(memory[of_memory], (2, 1)))
+    np.testing.assert_array_equal(looks.reported[:2], np.tile(discrete[of_discrete], (2, 1)))
     mean = [weights @ item[:12].reshape(4, 3) for item in (motion.x, motion.v)]
     np.testing.assert_allclose(looks.mean[:2], np.tile(np.concatenate(mean), (2, 1)), rtol=1e-13)
 
@@ -366,7 +366,9 @@ def test_equal_steps_add_up_work_wherever_they_are_interrupted(verlet: bool) -> 
         row = done = 0
         for part in parts:
             equal = EqualSteps(FIRST, LAST, 60, done, part)
-            row = steps.equal_steps(verlet, equal, row, 7, Run(motion, clock, seen, kept, no_samples()))
+            row = steps.equal_steps(
+                verlet, equal, row, 7, StepInterval(motion, clock, seen, kept, no_samples())
+            )
             done += part
         times = FIRST + (LAST - FIRST) / 60.0 * np.array([7, 14, 21, 28, 35, 42, 49, 56, 60])
         assert row == 9
@@ -382,7 +384,7 @@ def test_steps_of_much_energy_are_all_kept() -> None:
     """The elastic energy here is the time; above 2 s each step is kept, below one in twenty."""
     motion, clock, seen, kept = moving()
     seen.peaks["keep_above"] = 2.0 + 1e-9
-    run = Run(motion, clock, seen, kept, no_samples())
+    run = StepInterval(motion, clock, seen, kept, no_samples())
     rows = steps.equal_steps(False, EqualSteps(FIRST, LAST, 60, 0, 60), 0, 20, run)
     numbers = np.rint((kept.time[:rows] - FIRST) / 0.02).astype(int)
     assert numbers.tolist() == [20, *range(26, 61)]
@@ -394,7 +396,7 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
     for equal in (False, True):
         motion, clock, seen, kept = moving()
         rows = kept._replace(time=np.zeros(4))
-        run = Run(motion, clock, seen, rows, no_samples())
+        run = StepInterval(motion, clock, seen, rows, no_samples())
         if equal:
             reached = steps.through_equal(False, times, 0.02, run)
             assert clock["steps"][0] == 5 + 23 + 33  # no step longer than 0.02 s
@@ -412,12 +414,12 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
 def test_below_an_energy_no_element_is_stretched_too_far() -> None:
     """That of the element which has the least where it alone is as long as the law holds."""
     system: Any = SimpleNamespace(
-        forces=SimpleNamespace(cable=SimpleNamespace(law=Law(LENGTH, STIFFNESS, None)))
+        forces=SimpleNamespace(cable=SimpleNamespace(law=AxialLaw(LENGTH, STIFFNESS, None)))
     )
     each = []
     for e in range(4):
         long = LENGTH.copy()
         long[e] *= STRETCH_BOUND
-        each.append(float(cable.elastic_energy(Law(LENGTH, STIFFNESS, None), long[None])[0]))
+        each.append(float(cable.elastic_energy(AxialLaw(LENGTH, STIFFNESS, None), long[None])[0]))
     assert least_energy_beyond(system) == pytest.approx(min(each), rel=1e-12)
     assert min(each) > 0.0

@@ -35,7 +35,7 @@ from exunet.simulation.guards import (
     EnergyScale,
     where_steps_fail,
 )
-from exunet.simulation.observers import GOOD_PART, Balance, EventLog
+from exunet.simulation.observers import GOOD_PART, EnergyBalance, EventLog
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 
@@ -54,8 +54,8 @@ def thrown_until_it_stops(*arguments, **tables) -> RunStopped:
     return stop.value
 
 
-def balance_of(start: Start, **how: int) -> Balance:
-    balance = Balance(start.system, start.state, **how)
+def balance_of(start: Start, **how: int) -> EnergyBalance:
+    balance = EnergyBalance(start.system, start.state, **how)
     balance.explain(Plan(Method.RK44, step=1e-3))
     return balance
 
@@ -696,9 +696,9 @@ def test_restarts_change_nothing_but_round_off():
         plans.append(plan)
         return plan
 
-    observe, calls = Balance.observe, []
+    observe, calls = EnergyBalance.observe, []
 
-    def once(self: Balance, steps: Observed) -> None:
+    def once(self: EnergyBalance, steps: Observed) -> None:
         observe(self, steps)
         if steps.states.time[0] >= 0.2 and not calls:
             calls.append(steps.states.time[0])
@@ -706,7 +706,7 @@ def test_restarts_change_nothing_but_round_off():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(integrate, "finer", same)
-        patch.setattr(Balance, "observe", once)
+        patch.setattr(EnergyBalance, "observe", once)
         again = exunet.run(scene)
     assert len(plans) == len(calls) == 1
     assert 0.2 <= again.run.retries[0].from_time_s < 0.5  # the last stored state that was seen

@@ -214,7 +214,7 @@ def test_an_element_that_was_cut_carries_nothing(tmp_path: Path) -> None:
     assert second.run.restart.broken == [cut.element]
     assert second.tension[:, cut.element].max() == 0.0
     third = Simulation(exunet.load(path, [*drop, f"initial.restart={str(tmp_path / 'next')!r}"]))
-    assert np.flatnonzero(third.state.memory[INTACT] == 0.0).tolist() == [cut.element]
+    assert np.flatnonzero(third.state.discrete[INTACT] == 0.0).tolist() == [cut.element]
 
 
 @pytest.mark.slow

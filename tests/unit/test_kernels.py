@@ -22,7 +22,7 @@ from exunet.kernels import compile as compiling
 from exunet.kernels import kernel as kernels
 from exunet.kernels.compile import compiled_module
 from exunet.kernels.kernel import Kernel, compiled_rows
-from exunet.kernels.source import Place
+from exunet.kernels.source import EngineCoordinates
 from exunet.model.energy import elastic
 from exunet.scene.casefile import load
 from exunet.simulation.preparation import prepare
@@ -78,7 +78,9 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
         room = {name: np.full(x.size, np.nan) for name in ("x", "v", "force")}
         room |= {name: np.zeros(x.size) for name in ("push", "reference")}  # none, and at the origin
         none, asked = np.zeros(0, dtype=Index), np.full(1 + 2 * x.size, np.nan)
-        place = Place(np.stack([every, every]), none, 0, 0, x.size, none, asked, np.zeros(2), False, **room)
+        place = EngineCoordinates(
+            np.stack([every, every]), none, 0, 0, x.size, none, asked, np.zeros(2), False, **room
+        )
         kernel.module.engine_forces(0.0, x, v, np.zeros(0), kernel.module.hold((table.rows, place)), out)
         for found in (added, out):
             assert found.reshape(-1, 3).tobytes() == first[name].tobytes()
@@ -227,7 +229,7 @@ def test_functions_that_cannot_be_compiled_are_refused_before() -> None:
     assert KernelCall(calls, helpers=(smooth_step,)).helpers == (smooth_step,)
 
     class InSteps(Switch):
-        def in_steps(self, memory: np.ndarray) -> bool:
+        def in_steps(self, discrete: np.ndarray) -> bool:
             return True
 
     with pytest.raises(TypeError):
@@ -265,7 +267,7 @@ def test_without_numba_kernel_terms_are_interpreted(monkeypatch: pytest.MonkeyPa
 
 
 def test_forces_and_rates_of_one_state_come_of_one_evaluation() -> None:
-    """Rates are looked up where forces, memories and state are the same; a number put there shows it."""
+    """Rates are looked up where forces, discrete states and state are the same; a number put there shows it."""
     start = prepare(load(CASES / "capture" / "free_sphere.toml", ["engine.backend=exudyn"]).scene)
     made = model(start)
     applied, blocks, (q, v, _) = made.applied, start.system.blocks, made.coordinates()
@@ -286,7 +288,7 @@ def test_forces_and_rates_of_one_state_come_of_one_evaluation() -> None:
     assert evaluated_anew(0.6, v)
     applied.accepted(0.6, q, v)
     assert evaluated_anew(0.6, v)
-    applied.remember(start.state.memory)
+    applied.remember(start.state.discrete)
     assert evaluated_anew(0.6, v)
 
 

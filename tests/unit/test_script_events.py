@@ -22,8 +22,8 @@ from exunet.model.script import (
     VALUES,
     WAITING,
     WIDTH,
-    Row,
-    Sample,
+    EndStates,
+    EntryState,
     ScriptEvents,
     Sources,
     interpolated,
@@ -44,15 +44,15 @@ def begun(*entries: str, scene: str = SCENE) -> tuple[Start, ScriptEvents]:
     return start, events
 
 
-def memory_of(start: Start, events: ScriptEvents, *rows: Row) -> np.ndarray:
-    seen = [start.system.memory[name] for name in events.sees]
+def discrete_state_of(start: Start, events: ScriptEvents, *rows: EntryState) -> np.ndarray:
+    seen = [start.system.discrete[name] for name in events.sees]
     return np.concatenate([np.array(rows).ravel(), [0.0], *seen])
 
 
-ONE = Row(ARMED, 0.0, 0.0, 0.0)
+ONE = EntryState(ARMED, 0.0, 0.0, 0.0)
 
 
-def two_states(start: Start, memory: np.ndarray) -> tuple[Seen, Seen]:
+def two_states(start: Start, discrete: np.ndarray) -> tuple[Seen, Seen]:
     """The state at the start, and all of it moved and turned a little; with different velocities."""
     x, v = start.system.layout.pack(start.state.moving)
     rng, moved = np.random.default_rng(4), start.system.blocks.centres
@@ -63,7 +63,7 @@ def two_states(start: Start, memory: np.ndarray) -> tuple[Seen, Seen]:
         if time == END:
             place[:moved] += 0.5 * (END - BEGIN) * (speeds[0] + speeds[1])[:moved]
         place[start.system.blocks.state("tow/wound_up")] = 0.2 + 0.4 * time
-        found.append(Seen(np.array([time]), place[None], speed[None], memory, np.zeros((1, 0))))
+        found.append(Seen(np.array([time]), place[None], speed[None], discrete, np.zeros((1, 0))))
     return found[0], found[1]
 
 
@@ -81,8 +81,8 @@ def between(start: Start, name: str, ends: tuple[Seen, Seen]) -> Callable[[float
         part = (time - BEGIN) / (END - BEGIN)
         x, v = ((1.0 - part) * a + part * b for a, b in ((begin.x, end.x), (begin.v, end.v)))
         x[0, :moved], v[0, :moved] = spline(time), spline(time, 1)
-        states = States(system, np.array([time]), x, v, system.memory).completed()
-        look = Sample(lambda: states, np.zeros((1, 0)))
+        states = States(system, np.array([time]), x, v, system.discrete).completed()
+        look = EndStates(lambda: states, np.zeros((1, 0)))
         return float(VALUES[name](Sources.of(system, "target"), look)[0])
 
     return value
@@ -112,7 +112,7 @@ def test_a_cubic_is_itself_within_a_step() -> None:
 def test_where_in_a_step_a_quantity_crosses_its_bound(name: str, part: float) -> None:
     """The bound is what the quantity is there; half of LOCATED_TO before."""
     start, events = begun(entry("never", when=f"{name} > 1e9", do="note"))
-    ends = two_states(start, memory_of(start, events, ONE))
+    ends = two_states(start, discrete_state_of(start, events, ONE))
     value, when = between(start, name, ends), BEGIN + part * (END - BEGIN)
     first, there, last = value(BEGIN), value(when), value(END)
     assert (first - there) * (last - there) < 0.0  # it crosses
@@ -124,21 +124,21 @@ def test_where_in_a_step_a_quantity_crosses_its_bound(name: str, part: float) ->
     _, events = begun(entry("other", when=f"{name} {'<' if sign == '>' else '>'} {there!r}", do="note"))
     assert events.crossing(*ends) is None
     _, events = begun(entry("some", when=f"{name} {sign} {there!r}", do="note"))
-    rests = memory_of(start, events, ONE._replace(state=RESTING))
-    assert events.crossing(*(end._replace(memory=rests) for end in ends)) is None
+    rests = discrete_state_of(start, events, ONE._replace(state=RESTING))
+    assert events.crossing(*(end._replace(discrete=rests) for end in ends)) is None
 
 
-def moving_away(start: Start, memory: np.ndarray, times: tuple[float, ...], speed: float = 2.0) -> Seen:
+def moving_away(start: Start, discrete: np.ndarray, times: tuple[float, ...], speed: float = 2.0) -> Seen:
     """The node flies from the target along x, 1 m + speed t from it, and all else rests."""
     x, v = start.system.layout.pack(start.state.moving)
     x, v, time = np.tile(x, (len(times), 1)), np.zeros((len(times), len(v))), np.array(times)
     x[:, :3], v[:, 0] = 0.0, speed
     x[:, 0] = 1.0 + speed * time
-    return Seen(time, x, v, memory, np.zeros((len(times), 0)))
+    return Seen(time, x, v, discrete, np.zeros((len(times), 0)))
 
 
 def rows_of(steps: Seen) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    return float(steps.time[-1]), steps.x[-1], steps.v[-1], steps.memory
+    return float(steps.time[-1]), steps.x[-1], steps.v[-1], steps.discrete
 
 
 @pytest.mark.parametrize(
@@ -155,16 +155,16 @@ def test_a_crossing_is_located_just_before_it_or_just_beyond(
     begin: float, bound: float, known: float
 ) -> None:
     start, events = begun(entry("far", when=f"range > {bound!r}", do="note"))
-    memory = memory_of(start, events, ONE)
-    ends = moving_away(start, memory, (begin,)), moving_away(start, memory, (1.0,))
+    discrete = discrete_state_of(start, events, ONE)
+    ends = moving_away(start, discrete, (begin,)), moving_away(start, discrete, (1.0,))
     assert events.crossing(*ends) == pytest.approx(known, abs=0.02 * LOCATED_TO)
 
 
 def test_late_crossings_are_located_to_round_off() -> None:
     """At 1e8 s numbers are 1.5e-8 s apart: to 64 of that."""
     start, events = begun(entry("far", when="range > 1.6e8", do="note"))
-    memory, late = memory_of(start, events, ONE), 64.0 * math.ulp(1e8)
-    ends = moving_away(start, memory, (0.5e8,)), moving_away(start, memory, (1e8,))
+    discrete, late = discrete_state_of(start, events, ONE), 64.0 * math.ulp(1e8)
+    ends = moving_away(start, discrete, (0.5e8,)), moving_away(start, discrete, (1e8,))
     assert events.crossing(*ends) == pytest.approx(0.8e8 - 0.5 - 0.5 * late, abs=0.2 * late)
 
 
@@ -174,12 +174,12 @@ def test_the_first_of_several_crossings() -> None:
         entry("first", when="range > 1.8", do="note"),
         entry("none", when="range > 9.0", do="note"),
     )
-    memory = memory_of(start, events, ONE, ONE, ONE)
-    ends = moving_away(start, memory, (0.0,)), moving_away(start, memory, (1.0,))
+    discrete = discrete_state_of(start, events, ONE, ONE, ONE)
+    ends = moving_away(start, discrete, (0.0,)), moving_away(start, discrete, (1.0,))
     assert events.crossing(*ends) == pytest.approx(0.4 - 0.5 * LOCATED_TO, abs=0.02 * LOCATED_TO)
     assert events.crossed(*rows_of(ends[1])).tolist() == [1]  # of both that hold by then
-    assert events.crossed(*rows_of(moving_away(start, memory, (0.3,)))).tolist() == []
-    assert events.crossed(*rows_of(moving_away(start, memory, (0.5,)))).tolist() == [1]
+    assert events.crossed(*rows_of(moving_away(start, discrete, (0.3,)))).tolist() == []
+    assert events.crossed(*rows_of(moving_away(start, discrete, (0.5,)))).tolist() == [1]
 
 
 def test_the_first_step_at_whose_end_a_condition_holds() -> None:
@@ -190,25 +190,25 @@ def test_the_first_step_at_whose_end_a_condition_holds() -> None:
     times = (0.1, 0.3, 0.5, 0.7, 0.76, 0.9)
     far, rests, done = ONE, ONE._replace(state=RESTING), ONE._replace(state=DONE)
     for rows, known in (((far, done), 4), ((done, rests), 4), ((rests, done), 0), ((done, done), None)):
-        memory = memory_of(start, events, *rows)
-        assert events.comes_true(moving_away(start, memory, times)) == known
-    memory = memory_of(start, events, far, done)
-    early = moving_away(start, memory, times[:4])
+        discrete = discrete_state_of(start, events, *rows)
+        assert events.comes_true(moving_away(start, discrete, times)) == known
+    discrete = discrete_state_of(start, events, far, done)
+    early = moving_away(start, discrete, times[:4])
     assert events.comes_true(early) is None
     assert events.crossed(*rows_of(early)).tolist() == []
-    assert events.comes_true(moving_away(start, memory, (0.3,))) is None
-    exactly = moving_away(start, memory, (0.25, 0.75))  # at the bound it does not hold yet
+    assert events.comes_true(moving_away(start, discrete, (0.3,))) is None
+    exactly = moving_away(start, discrete, (0.25, 0.75))  # at the bound it does not hold yet
     assert events.comes_true(exactly) is None
-    assert events.in_steps(memory)
-    assert not events.in_steps(memory_of(start, events, done, done))
+    assert events.in_steps(discrete)
+    assert not events.in_steps(discrete_state_of(start, events, done, done))
 
 
 def test_an_entry_that_repeats_is_not_due_before_it_has_rested() -> None:
     """It has happened at 0.2 s and rests for 0.5 s; from then on it counts again."""
     start, events = begun(entry("far", when="range > 1.2", do="note", repeat=True, rest=0.5))
-    memory = memory_of(start, events, ONE._replace(since=0.2, times=1.0))
-    assert events.comes_true(moving_away(start, memory, (0.3, 0.5, 0.69, 0.7, 0.9))) == 3
-    again = memory_of(start, events, ONE._replace(since=0.2))
+    discrete = discrete_state_of(start, events, ONE._replace(since=0.2, times=1.0))
+    assert events.comes_true(moving_away(start, discrete, (0.3, 0.5, 0.69, 0.7, 0.9))) == 3
+    again = discrete_state_of(start, events, ONE._replace(since=0.2))
     assert events.comes_true(moving_away(start, again, (0.3, 0.5, 0.69, 0.71, 0.9))) == 0
 
 
@@ -221,19 +221,24 @@ def test_when_entries_are_armed() -> None:
         entry("now", when="range < 1.0", do="note"),
     )
     wait = ONE._replace(state=WAITING)
-    assert events.instants(memory_of(start, events, wait, wait, wait, wait)) == (0.8, math.inf, math.inf, 0.0)
-    done = Row(DONE, 0.9, 1.0, 0.0)
-    memory = memory_of(start, events, done, wait, wait, ONE)
-    assert events.instants(memory) == (0.9 + 0.25, math.inf)
-    assert events.crossed(*rows_of(moving_away(start, memory, (1.149,)))).tolist() == []
-    assert events.crossed(*rows_of(moving_away(start, memory, (1.15,)))).tolist() == [1]
-    assert not events.stops(memory)
+    assert events.instants(discrete_state_of(start, events, wait, wait, wait, wait)) == (
+        0.8,
+        math.inf,
+        math.inf,
+        0.0,
+    )
+    done = EntryState(DONE, 0.9, 1.0, 0.0)
+    discrete = discrete_state_of(start, events, done, wait, wait, ONE)
+    assert events.instants(discrete) == (0.9 + 0.25, math.inf)
+    assert events.crossed(*rows_of(moving_away(start, discrete, (1.149,)))).tolist() == []
+    assert events.crossed(*rows_of(moving_away(start, discrete, (1.15,)))).tolist() == [1]
+    assert not events.stops(discrete)
 
 
-def changed(start: Start, events: ScriptEvents, memory: np.ndarray, item: int) -> Any:
-    time, x, v, memory = rows_of(moving_away(start, memory, (0.75,)))
-    every: dict[str, np.ndarray] = dict(start.system.memory)
-    return events.change(time, x, v, memory, np.array([item]), every)
+def changed(start: Start, events: ScriptEvents, discrete: np.ndarray, item: int) -> Any:
+    time, x, v, discrete = rows_of(moving_away(start, discrete, (0.75,)))
+    every: dict[str, np.ndarray] = dict(start.system.discrete)
+    return events.change(time, x, v, discrete, np.array([item]), every)
 
 
 def test_what_an_event_writes() -> None:
@@ -244,20 +249,20 @@ def test_what_an_event_writes() -> None:
         entry("end", at=0.5, do="stop", verdict="over"),
     )
     twice = ONE._replace(times=2.0, since=0.1)
-    memory = memory_of(start, events, ONE._replace(state=WAITING), twice, ONE)
-    rows = memory[: 3 * WIDTH].reshape(3, WIDTH)
+    discrete = discrete_state_of(start, events, ONE._replace(state=WAITING), twice, ONE)
+    rows = discrete[: 3 * WIDTH].reshape(3, WIDTH)
     for item, known in (
         (0, (ARMED, 0.75, 0.0, 0.0)),
         (1, (RESTING, 0.75, 3.0, 2.5)),
         (2, (DONE, 0.75, 1.0, 0.0)),
     ):
-        change = changed(start, events, memory, item)
+        change = changed(start, events, discrete, item)
         expected = rows.copy()
         expected[item] = (*known, 0.0)
-        np.testing.assert_allclose(change.memory[: 3 * WIDTH].reshape(3, WIDTH), expected, rtol=1e-15)
-        assert change.memory[3 * WIDTH] == float(item == 2)
+        np.testing.assert_allclose(change.discrete[: 3 * WIDTH].reshape(3, WIDTH), expected, rtol=1e-15)
+        assert change.discrete[3 * WIDTH] == float(item == 2)
         assert change.more == (item != 2)
-        assert events.stops(change.memory) == (item == 2)
+        assert events.stops(change.discrete) == (item == 2)
 
 
 def test_the_knots_of_a_thrust_count_from_when_it_was_begun() -> None:
@@ -268,19 +273,19 @@ def test_the_knots_of_a_thrust_count_from_when_it_was_begun() -> None:
     start = prepare_case(case_of(script, table, scene=scene))
     (events,) = (force.switch for force in start.system.forces if isinstance(force.switch, ScriptEvents))
     wait, done = ONE._replace(state=WAITING), ONE._replace(state=DONE)
-    assert events.instants(memory_of(start, events, wait, done._replace(since=0.1))) == (0.125,)
-    memory = memory_of(start, events, done._replace(since=0.25), wait)
-    assert events.instants(memory) == (0.3, 0.25, 0.25 + 0.05, 0.25 + 0.2)
+    assert events.instants(discrete_state_of(start, events, wait, done._replace(since=0.1))) == (0.125,)
+    discrete = discrete_state_of(start, events, done._replace(since=0.25), wait)
+    assert events.instants(discrete) == (0.3, 0.25, 0.25 + 0.05, 0.25 + 0.2)
 
 
-def grown(start: Start, memory: np.ndarray, sizes: tuple[float, ...]) -> Seen:
+def grown(start: Start, discrete: np.ndarray, sizes: tuple[float, ...]) -> Seen:
     """The net, flat and so many times as large as in its reference configuration."""
     x, v = start.system.layout.pack(start.state.moving)
     count = 3 * start.net.n_nodes
     every = np.tile(x, (len(sizes), 1))
     every[:, :count] = np.outer(sizes, start.net.reference_position.ravel())
     time = 0.1 + 0.1 * np.arange(len(sizes))
-    return Seen(time, every, np.zeros((len(sizes), len(v))), memory, np.zeros((len(sizes), 0)))
+    return Seen(time, every, np.zeros((len(sizes), len(v))), discrete, np.zeros((len(sizes), 0)))
 
 
 def test_an_area_that_has_fallen_by_a_part_of_the_largest() -> None:
@@ -288,13 +293,13 @@ def test_an_area_that_has_fallen_by_a_part_of_the_largest() -> None:
     script = entry("fallen", when="largest_area", fall=0.3, do="note")
     start = prepare_case(case_of(script, scene=NET))
     (events,) = (force.switch for force in start.system.forces if isinstance(force.switch, ScriptEvents))
-    whole, memory = 3.0 * math.sqrt(3.0), memory_of(start, events, ONE)
-    assert events.comes_true(grown(start, memory, (0.5, 1.0, 0.9, 0.84, 0.83, 0.5))) == 4
-    assert events.comes_true(grown(start, memory, (0.5, 0.45, 0.42, 0.7))) is None
-    after = events.remembered(grown(start, memory, (0.5, 0.9, 0.7)))
+    whole, discrete = 3.0 * math.sqrt(3.0), discrete_state_of(start, events, ONE)
+    assert events.comes_true(grown(start, discrete, (0.5, 1.0, 0.9, 0.84, 0.83, 0.5))) == 4
+    assert events.comes_true(grown(start, discrete, (0.5, 0.45, 0.42, 0.7))) is None
+    after = events.remembered(grown(start, discrete, (0.5, 0.9, 0.7)))
     assert after is not None
     np.testing.assert_allclose(after[:4], [ARMED, 0.0, 0.0, 0.81 * whole], rtol=1e-12)
-    known = memory_of(start, events, ONE._replace(value=whole))
+    known = discrete_state_of(start, events, ONE._replace(value=whole))
     assert events.remembered(grown(start, known, (0.5, 0.9, 0.7))) is None
     assert events.comes_true(grown(start, known, (0.9, 0.84, 0.83))) == 2
 
@@ -345,12 +350,12 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
     state = simulation.state
     whole = States.of(system, state)
     x, v = looks.x[:, :rows].T, looks.v[:, :rows].T
-    seen = States(system, looks.time[:rows], x, v, state.memory).completed()
-    now = np.array([[state.memory[name][place] for name, place in sight.reports]])
+    seen = States(system, looks.time[:rows], x, v, state.discrete).completed()
+    now = np.array([[state.discrete[name][place] for name, place in sight.reports]])
     mean = looks.mean[:rows] if looks.weights.size else None
-    found = VALUES[quantity](sight, Sample(lambda: seen, looks.reported[:rows], mean))
+    found = VALUES[quantity](sight, EndStates(lambda: seen, looks.reported[:rows], mean))
     assert np.isfinite(found).all()
-    assert found[-1] == pytest.approx(VALUES[quantity](sight, Sample(lambda: whole, now))[0], rel=1e-13)
+    assert found[-1] == pytest.approx(VALUES[quantity](sight, EndStates(lambda: whole, now))[0], rel=1e-13)
     if name in ("closing_tension", "touching"):
         assert len(set(found.tolist())) > 1  # known at each step, not at the last
 
@@ -377,7 +382,7 @@ def test_what_was_ejected_is_observed_where_it_flies(name: str) -> None:
     plain.advance_to(0.12)
     state = plain.state
     whole = States.of(plain.start.system, state)
-    look = Sample(lambda: whole, np.zeros((1, 0)))
+    look = EndStates(lambda: whole, np.zeros((1, 0)))
     bound = float(VALUES[name](Sources.of(plain.start.system, "box"), look)[0])
     ours = watching(f"{name} < {bound!r}")
     ours.advance_to(0.2)

@@ -11,7 +11,7 @@ from scripts import FALL, HANGS, LIFTS, SCENE, SLIDES, case_of, entry, happened
 import exunet
 from exunet.base.errors import CaseError
 from exunet.forces.cable_term import INTACT
-from exunet.forces.effects.thrust import MEMORY as THRUST
+from exunet.forces.effects.thrust import STATE_NAME as THRUST
 from exunet.model.script import changed
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.scene.script import timeline
@@ -241,7 +241,7 @@ def test_what_may_be_set_is_a_closed_list_with_bounds(name: str) -> None:
 def set_to(parameter: str, value: float, *command: float) -> list[float]:
     """The command of a drive after that; empty if nothing changes."""
     system = prepare_case(case_of("")).system
-    every = dict(system.memory) | {"reel/tow": np.array(command)}
+    every = dict(system.discrete) | {"reel/tow": np.array(command)}
     what, words = changed(system, parameter, value, (0.1, np.zeros(0), np.zeros(0)), every)
     if not what:
         assert words["event"]

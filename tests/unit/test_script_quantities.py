@@ -1,4 +1,4 @@
-"""What a script looks at, by hand: of numbers of memories, of points, of the centre of the net."""
+"""What a script looks at, by hand: of numbers of discrete states, of points, of the centre of the net."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from test_reels import command, start_of
 
 from exunet.model.script import (
     VALUES,
-    Sample,
+    EndStates,
     Sources,
     centre_weights,
     has_touched,
@@ -33,7 +33,7 @@ def test_numbers_of_memories() -> None:
         [9.0, 8.0, 7.0, 6.0, 0.3, 0.4],
     ])  # fmt: skip
     sight = Sources(NOTHING, None, (("line", 0), ("line", 1)), (("a", 2), ("b", 2)), (("a", 3), ("b", 3)))
-    look = Sample(lambda: NOTHING, told)
+    look = EndStates(lambda: NOTHING, told)
     assert VALUES["closing_tension"](sight, look).tolist() == [3.0, 2.5, 0.0, 9.0]
     assert VALUES["touching"](sight, look).tolist() == [5.0, 0.0, 2.0, 13.0]
     assert has_touched(sight, told).tolist() == [False, True, True, True]
@@ -49,14 +49,14 @@ def test_the_centre_of_a_net_from_a_target() -> None:
     x, v = (np.tile(part, (3, 1)) for part in system.layout.pack(start.state.moving))
     x[:, :15], v[:, :15] = rng.normal(size=(2, 3, 15))
     time = np.array([0.1, 0.2, 0.3])
-    states = States(system, time, x, v, system.memory)
-    sight, look = Sources.of(system, "target"), Sample(lambda: states, np.zeros((3, 0)))
+    states = States(system, time, x, v, system.discrete)
+    sight, look = Sources.of(system, "target"), EndStates(lambda: states, np.zeros((3, 0)))
     sides = 2.0, 2.0 * math.sqrt(3.0)  # half of each is at either end
     mass = np.array([3.0 * sides[0], *[sides[0] + 2.0 * sides[1]] * 3])
     x, v = (part[:, :15].reshape(3, 5, 3) for part in (x, v))
     place, speed = (np.einsum("n,kna->ka", mass / mass.sum(), part[:, :4]) for part in (x, v))
     for mean in (None, np.concatenate([place, speed], axis=1)):
-        one = Sample(lambda: states, np.zeros((3, 0)), mean)
+        one = EndStates(lambda: states, np.zeros((3, 0)), mean)
         apart = np.linalg.norm(place - x[:, 4], axis=1)
         np.testing.assert_allclose(VALUES["range"](sight, one), apart, rtol=1e-13)
         against = np.linalg.norm(speed - v[:, 4], axis=1)
@@ -99,8 +99,8 @@ def test_the_tension_of_a_tether() -> None:
         grown[first:] = (0.4 if stretched == 0 else 0.5) * e - (0.38 if stretched == 0 else 0.48)
         place[0, list(tether.nodes)] = place[0, tether.nodes[0]] + np.outer(along + grown, [0.0, 0.6, 0.8])
         x, _ = system.layout.pack(state.moving._replace(position=place))
-        moved = States(system, state.time, x, state.v, state.memory)
+        moved = States(system, state.time, x, state.v, state.discrete)
         found = VALUES["tether_tension"](
-            Sources.of(system, None), Sample(lambda s=moved: s, np.zeros((1, 0)))
+            Sources.of(system, None), EndStates(lambda s=moved: s, np.zeros((1, 0)))
         )
         assert found[0] == pytest.approx(1e3 * e * (e * e - 1.0) / 2.0, rel=1e-9)

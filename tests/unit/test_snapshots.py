@@ -46,7 +46,7 @@ from exunet.simulation.snapshot import FORMAT, KIND, Snapshot
 
 BREAKING, LAUNCH = "effects/breaking", "effects/launch_force"
 
-# Each kind of term, of memory and of constraint that the shipped cases have.
+# Each kind of term, of discrete state and of constraint that the shipped cases have.
 WITH_TERMS = [
     *("bodies/launch", "bodies/ejection", "bodies/release", "bodies/tow", "capture/free_sphere"),
     *("capture/fixed_sphere", "effects/launch_force", "effects/breaking", "effects/bending"),

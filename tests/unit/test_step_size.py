@@ -14,7 +14,7 @@ from scipy.sparse import csr_array, diags_array
 
 from exunet.forces import cable_term
 from exunet.forces.cable import (
-    Law,
+    AxialLaw,
     assemble_pairs,
     reference_blocks,
     reference_spans,
@@ -25,7 +25,14 @@ from exunet.forces.linear_term import LinearTerm
 from exunet.forces.total import Forces
 from exunet.integrators.compiled import steps
 from exunet.integrators.compiled.steps import TINY_IN_A_ROW
-from exunet.integrators.compiled.workspace import Kept, Run, StepLimits, clock_at, motion_at, no_samples
+from exunet.integrators.compiled.workspace import (
+    Kept,
+    StepInterval,
+    StepLimits,
+    clock_at,
+    motion_at,
+    no_samples,
+)
 from exunet.integrators.exudyn.stepper import StepChoice
 from exunet.integrators.protocol import StepsCollapsed
 from exunet.methods.method import METHODS, Method
@@ -293,7 +300,7 @@ class Control:
         seen = observed(np.zeros((0, 2), dtype=int), half=np.ones(1), look_above=np.inf)
         self.kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))
         self.clock = clock_at(0.0, step)
-        self.run = Run(motion, self.clock, seen, self.kept, no_samples())
+        self.run = StepInterval(motion, self.clock, seen, self.kept, no_samples())
 
     def go(self, until: float = 100.0, attempts: int = 1, every: int = 1) -> int:
         return steps.chosen_steps(LIMITS, until, attempts, 0, every, self.run)
@@ -573,7 +580,7 @@ def of_arrays(
     blocks: Any = SimpleNamespace(
         mass=MASS, net=SimpleNamespace(element_nodes=RING, fixed_nodes=np.array(fixed, dtype=int))
     )
-    return cable_term.jump_ahead(blocks, Law(LENGTH, STIFFNESS, TAU), WITHIN, tolerance, time, state)
+    return cable_term.jump_ahead(blocks, AxialLaw(LENGTH, STIFFNESS, TAU), WITHIN, tolerance, time, state)
 
 
 @pytest.mark.parametrize(("tolerance", "time"), [(1e-3, 0.0), (0.3, 1.0), (1e-13, 0.0), (1e-13, 5.0)])

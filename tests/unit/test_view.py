@@ -30,7 +30,7 @@ from exunet.results.observables import Observables
 from exunet.results.outcome import Outcome, outcome
 from exunet.results.run_record import Peak
 from exunet.results.summary import timeline
-from exunet.results.table import Report
+from exunet.results.table import ReportContent
 from exunet.scene.capture import Capture
 
 CASES = Path(__file__).resolve().parents[2] / "cases"
@@ -109,7 +109,7 @@ def test_page_shows_the_states_of_the_file(browser: Page, tmp_path: Path, way: l
 @NEEDS_CHROMIUM
 def test_report_begins_with_the_answer(browser: Page, tmp_path: Path) -> None:
     """At 1366 x 768 the answer is above the plots; case and provenance are folded, and open to print."""
-    report = Report(
+    report = ReportContent(
         [("NOT CAPTURED", "'box' missed"), ("Why", "it is slow")],
         [("a", "1 N   2 J")],
         "a = 1\n",
@@ -139,7 +139,7 @@ def test_narrow_page_shows_the_outcome_first_and_cuts_nothing(
     browser: Page, tmp_path: Path, name: str
 ) -> None:
     """At 400 x 800: the outcome is the topmost text, and each control is within the page."""
-    write_page(tmp_path / "report.html", [scene()], Report([(name, "'box'")], [], "", []))
+    write_page(tmp_path / "report.html", [scene()], ReportContent([(name, "'box'")], [], "", []))
     browser.open(tmp_path / "report.html", width=400, height=800)
     first = browser.evaluate("document.querySelector('header').firstElementChild.textContent")
     assert first.split(maxsplit=1)[1] == name
@@ -409,7 +409,7 @@ def test_titles_and_names_are_text(browser: Page, tmp_path: Path) -> None:
         browser,
         tmp_path,
         scene(HOSTILE, HOSTILE),
-        report=Report(*4 * [[(HOSTILE, HOSTILE)]])._replace(case=HOSTILE),
+        report=ReportContent(*4 * [[(HOSTILE, HOSTILE)]])._replace(case=HOSTILE),
     )
     assert seen.evaluate("window.injected") is None
     assert seen.evaluate("document.querySelectorAll('img').length") == 0

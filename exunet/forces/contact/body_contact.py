@@ -6,11 +6,11 @@ of the depth inside it, which is where friction rubs; across the surface it is t
 line that it acts along. What is added up of all corners and edges is a force and its torque about the touched
 body's centre, handed on to both bodies at the end.
 
-Friction with memory is that of `law.friction`, but for what is remembered. Since bodies roll on each other,
-it is a point of each, at the end of every accepted step the place of the contact anew, shifted by what the
-spring along the surface is stretched by then; with that memory the force is the same. A row of it: what is
-remembered (0.0: nothing, 1.0: an anchor), the pressing body's point (3), the touched one's (3), each in its
-own axes.
+Friction with discrete state is that of `law.friction`, but for what is remembered. Since bodies roll on each
+other, it is a point of each, at the end of every accepted step the place of the contact anew, shifted by what
+the spring along the surface is stretched by then; with that discrete state the force is the same. A row of
+it: what is remembered (0.0: nothing, 1.0: an anchor), the pressing body's point (3), the touched one's (3),
+each in its own axes.
 
 A body presses with what its core is made of: a ball with its middle, a capsule with its axis and both ends
 of that, a box with its eight corners and twelve edges. Where two rounded boxes overlap, a corner or an edge
@@ -42,7 +42,7 @@ from exunet.forces.contact.broad_phase import (
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_bodies
 from exunet.forces.contact.law import (
     FRICTION,
-    Law,
+    ContactLaw,
     along_surface,
     friction,
     regularised_friction,
@@ -57,7 +57,7 @@ from exunet.forces.contact.signed_distance import (
     place_in_body,
     turn_into,
 )
-from exunet.forces.contact.status import memory_of, trouble_of_bodies, untouched
+from exunet.forces.contact.status import discrete_state_of, trouble_of_bodies, untouched
 from exunet.forces.contact.thread_contact import Friction, gauss_rules
 from exunet.forces.cores import BOX, CAPSULE, SPHERE, Cores, Surface
 from exunet.forces.terms import KernelTerm
@@ -188,12 +188,12 @@ def press_corner(c: Any, k: int, force: Any) -> None:
     w = motion_at(c, p)
     rate = -(d * w[0] + e * w[1] + f * w[2])
     elastic = c.springs.corner[k] * depth**c.law.exponent
-    push = elastic * max(1.0 + c.law.damping * rate, 0.0)
-    note(c, depth, push, elastic * depth / (c.law.exponent + 1.0))
-    force[c.taken] += (push - elastic) * rate
-    act(c, p, (push * d, push * e, push * f))
+    normal_force = elastic * max(1.0 + c.law.damping * rate, 0.0)
+    note(c, depth, normal_force, elastic * depth / (c.law.exponent + 1.0))
+    force[c.taken] += (normal_force - elastic) * rate
+    act(c, p, (normal_force * d, normal_force * e, normal_force * f))
     size = size_of((d, e, f))
-    rub(c, k, p, (d / size, e / size, f / size), push, c.presses.thick[k] - 0.5 * depth, force)
+    rub(c, k, p, (d / size, e / size, f / size), normal_force, c.presses.thick[k] - 0.5 * depth, force)
 
 
 def press_edge(c: Any, k: int, force: Any) -> None:
@@ -205,8 +205,8 @@ def press_edge(c: Any, k: int, force: Any) -> None:
     sums, stiffness = c.work.sums, c.springs.edge[k]
     if m == 0 or not touch(c, thick, motion_at(c, a), motion_at(c, b), m, sums):
         return
-    push = stiffness * sums[6]
-    note(c, sums[10], push, stiffness * sums[9])
+    normal_force = stiffness * sums[6]
+    note(c, sums[10], normal_force, stiffness * sums[9])
     force[c.taken] += stiffness * sums[8]
     on_b = (stiffness * sums[3], stiffness * sums[4], stiffness * sums[5])
     act(c, b, on_b)
@@ -216,14 +216,14 @@ def press_edge(c: Any, k: int, force: Any) -> None:
         at = sums[7] / sums[6]
         p = (a[0] + at * (b[0] - a[0]), a[1] + at * (b[1] - a[1]), a[2] + at * (b[2] - a[2]))
         n = (sums[0] / size, sums[1] / size, sums[2] / size)
-        rub(c, c.presses.thick.size + k, p, n, push, thick - 0.5 * sums[10], force)
+        rub(c, c.presses.thick.size + k, p, n, normal_force, thick - 0.5 * sums[10], force)
 
 
-def note(c: Any, depth: float, push: float, stored: float) -> None:
+def note(c: Any, depth: float, normal_force: float, stored: float) -> None:
     """How deep [m] and how hard [N] one of them presses, and the energy that it stores [J]."""
     now = c.now
     now[2] += 1.0
-    now[5] += push
+    now[5] += normal_force
     now[7] += stored
     if depth > now[0]:
         now[0] = depth
@@ -244,24 +244,28 @@ def act(c: Any, p: Any, f: Any) -> None:
     total[5] += g
 
 
-def rub(c: Any, k: int, p: Any, n: Any, push: float, inwards: float, force: Any) -> None:
+def rub(c: Any, k: int, p: Any, n: Any, normal_force: float, inwards: float, force: Any) -> None:
     """Friction of row k where `push` [N] acts along n (3): `inwards` [m] from p (3) against n."""
     if c.law.friction > 0.0:
         q = (p[0] - inwards * n[0], p[1] - inwards * n[1], p[2] - inwards * n[2])
         w = motion_at(c, q)
-        f = regularised_friction(push, n, w, c.law) if c.law.slip_speed > 0.0 else hold(c, k, q, n, w, push)
+        f = (
+            regularised_friction(normal_force, n, w, c.law)
+            if c.law.slip_speed > 0.0
+            else hold(c, k, q, n, w, normal_force)
+        )
         force[c.taken + 1] -= f[0] * w[0] + f[1] * w[1] + f[2] * w[2]
         act(c, q, f)
 
 
-def hold(c: Any, k: int, q: Any, n: Any, w: Any, push: float) -> Any:
-    """Friction (3) [N] with memory at q (3), where bodies slide at w (3) [m/s]; its next memory: the row."""
+def hold(c: Any, k: int, q: Any, n: Any, w: Any, normal_force: float) -> Any:
+    """Friction (3) [N] with discrete state at q (3), where bodies slide at w (3) [m/s]; its next discrete state: the row."""
     kept, row, first = c.kept, c.after[k], 7 * k
     u = (0.0, 0.0, 0.0)
     if kept[first] == 1.0:
         a, b, d = place_of_body(c, kept[first + 1 : first + 4])
         u = (a - kept[first + 4], b - kept[first + 5], d - kept[first + 6])
-    f, slides = friction(push, n, u, w, c.springs.along[k], c.springs.relaxation[k], c.law)
+    f, slides = friction(normal_force, n, u, w, c.springs.along[k], c.springs.relaxation[k], c.law)
     u = shift_for(f, n, w, c.springs.along[k], c.springs.relaxation[k]) if slides else along_surface(n, u)
     row[0] = 1.0
     turned, shift = c.work.turned, c.work.shift
@@ -309,7 +313,7 @@ def body_contact_potential(x: Any, c: Any) -> float:
 
 
 def remember_body_contact(t: float, x: Any, v: Any, c: Any) -> None:
-    """Store the memory of friction, and the status, at the end of an accepted step.
+    """Store the discrete state of friction, and the status, at the end of an accepted step.
 
     `add_body_contact` has evaluated this state last.
     """
@@ -345,7 +349,7 @@ BODIES = (
 )
 
 
-ROW = 7  # numbers of a corner, ball or edge in the memory, see `hold`
+ROW = 7  # numbers of a corner, ball or edge in the discrete state, see `hold`
 
 
 class BodyLaw(NamedTuple):
@@ -390,7 +394,7 @@ class Springs(NamedTuple):
     relaxation: Floats
 
 
-class Balls(NamedTuple):
+class TouchedBalls(NamedTuple):
     """Balls of the touched body, on which balls alone press: place (b, 3), radius (b,) [m]."""
 
     place: Floats
@@ -410,7 +414,7 @@ class Partner(NamedTuple):
     spin: int
 
 
-class Work(NamedTuple):
+class BodyWorkspace(NamedTuple):
     """Work space of the contact of two bodies, and Gauss's rules.
 
     frame, from_frame : (3, 3) rotations of the touched body and of the pressing one
@@ -441,8 +445,8 @@ class BodyContact(NamedTuple):
     allowed  : depth beyond which nothing may be [m]
     least    : half of the least thickness of both [m]
     taken    : where in force the rates of the energies that damping and friction take stand
-    kept     : (ROW (m + e) + STATUS,) the memory
-    after    : (m + e, ROW) what the memory would be after the state that was evaluated last
+    kept     : (ROW (m + e) + STATUS,) the discrete state
+    after    : (m + e, ROW) what the discrete state would be after the state that was evaluated last
     now      : (14,) of the state that was evaluated last: largest depth [m], 0.0 where something touches, how
                many corners, balls and edges touch, bound of the speed of the bodies against each other [m/s],
                less than 0 where it is too deep, sum of the forces across the surface [N], how far the balls
@@ -451,18 +455,18 @@ class BodyContact(NamedTuple):
 
     presses: Frame
     springs: Springs
-    balls: Balls
+    balls: TouchedBalls
     cores: Cores
     body: Partner
     pressing: Partner
     allowed: float
     least: float
-    law: Law
+    law: ContactLaw
     taken: int
     kept: Floats
     after: Floats
     now: Floats
-    work: Work
+    work: BodyWorkspace
 
 
 def body_contact(
@@ -541,7 +545,7 @@ def _contact_of(
     length = np.linalg.norm(frame.edge[:, 1] - frame.edge[:, 0], axis=1)
     along = rubbing.ratio * np.concatenate([along, edges * length])
     relaxation = 2.0 * rubbing.damping * np.sqrt(_reduced_mass(blocks, presses, touched) / along)
-    work = Work(
+    work = BodyWorkspace(
         frame=np.zeros((3, 3)),
         from_frame=np.zeros((3, 3)),
         turned=np.zeros((3, 3)),
@@ -557,13 +561,13 @@ def _contact_of(
     return BodyContact(
         presses=frame,
         springs=Springs(springs, edges * length, along, relaxation),
-        balls=Balls(ball_place, ball_radius),
+        balls=TouchedBalls(ball_place, ball_radius),
         cores=others,
         body=_partner(blocks, touched),
         pressing=_partner(blocks, presses),
         allowed=surface.allowed + mine.allowed,
         least=min(surface.least, mine.least),
-        law=Law(1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed),
+        law=ContactLaw(1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed),
         taken=blocks.rate("contact/damping"),
         kept=untouched(np.zeros((len(along), ROW))),
         after=np.zeros((len(along), ROW)),
@@ -623,7 +627,7 @@ def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact, rubbing
         stiffness_rate=rate,
         damping_rate=damping_rate(data.law.damping, rate, speed, data.law.exponent),
         friction_rate=friction_rate(rubbing, rate, speed),
-        memory=memory_of(presses, touched, data.kept, wrong, of_bodies=True),
+        discrete=discrete_state_of(presses, touched, data.kept, wrong, of_bodies=True),
         remember=remember_body_contact,
         internal=True,
     )

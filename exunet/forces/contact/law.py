@@ -10,16 +10,17 @@ the same on the way in and on the way out, whatever m, k and n are, so with d = 
 
 The usual a = 3 (1 - e) / (2 v0) is its limit for e near 1.
 
-Coulomb's law with memory: a spring of stiffness k and damping k theta along the surface, whose force never
-exceeds mu N; where it would, its anchor is dragged along (return mapping: Simo, Hughes, "Computational
+Coulomb's law with discrete state: a spring of stiffness k and damping k theta along the surface, whose force
+never exceeds mu N; where it would, its anchor is dragged along (return mapping: Simo, Hughes, "Computational
 Inelasticity" (1998), section 1.2.2). What is remembered is a point of the thread s and a point b of the body,
 which stay as they are while the pair sticks: forces then are functions of the state, and a method keeps its
-order. Forces are worked out from the memory as the last accepted step left it, and what would be remembered
-if the step were accepted is written beside it: with that memory the force is the same, so that it does not
+order. Forces are worked out from the discrete state as the last accepted step left it, and what would be
+remembered
+if the step were accepted is written beside it: with that discrete state the force is the same, so that it does not
 matter whether it was worked out before or after.
 
-A row of the memory: what is remembered (0.0: nothing, 1.0: an anchor, -1.0: the pair has not come out of the
-body yet, and does not touch), s, b (3).
+A row of the discrete state: what is remembered (0.0: nothing, 1.0: an anchor, -1.0: the pair has not come out
+of the body yet, and does not touch), s, b (3).
 """
 
 from __future__ import annotations
@@ -123,7 +124,7 @@ def sum_place(law: Any, depth: float, rate: float, s: float, weight: float, sums
     return weight * f
 
 
-class Law(NamedTuple):
+class ContactLaw(NamedTuple):
     """Law of a contact as compiled loops take it.
 
     stiffness : K [N/m2] of threads, k [N/m^n] of spheres; 1.0 where each row has its own
@@ -140,7 +141,7 @@ class Law(NamedTuple):
 
 
 class Friction(NamedTuple):
-    """friction : mu; slip_speed : v_s [m/s], 0.0 for friction with memory; ratio : kappa; damping : zeta."""
+    """friction : mu; slip_speed : v_s [m/s], 0.0 for friction with discrete state; ratio : kappa; damping : zeta."""
 
     friction: float
     slip_speed: float = 0.0
@@ -148,7 +149,7 @@ class Friction(NamedTuple):
     damping: float = 0.0
 
 
-def friction(push: float, n: Any, u: Any, w: Any, stiffness: float, time: float, law: Any) -> Any:
+def friction(normal_force: float, n: Any, u: Any, w: Any, stiffness: float, time: float, law: Any) -> Any:
     """Force (3) [N] against sliding; True if the pair slides.
 
     push : normal force N [N]; n : (3) its direction
@@ -158,7 +159,7 @@ def friction(push: float, n: Any, u: Any, w: Any, stiffness: float, time: float,
     """
     p, q, r = along_surface(n, (u[0] + time * w[0], u[1] + time * w[1], u[2] + time * w[2]))
     wanted = stiffness * math.sqrt(p * p + q * q + r * r)
-    most = law.friction * push
+    most = law.friction * normal_force
     part = -stiffness if wanted <= most else -stiffness * most / wanted
     return (part * p, part * q, part * r), wanted > most
 
@@ -175,10 +176,10 @@ def along_surface(n: Any, a: Any) -> Any:
     return a[0] - across * n[0], a[1] - across * n[1], a[2] - across * n[2]
 
 
-def regularised_friction(push: float, n: Any, w: Any, law: Any) -> Any:
+def regularised_friction(normal_force: float, n: Any, w: Any, law: Any) -> Any:
     """-mu N w / sqrt(w^2 + v_s^2) (3) [N], of the part of w along the surface."""
     p, q, r = along_surface(n, w)
-    part = -law.friction * push / math.sqrt(p * p + q * q + r * r + law.slip_speed * law.slip_speed)
+    part = -law.friction * normal_force / math.sqrt(p * p + q * q + r * r + law.slip_speed * law.slip_speed)
     return part * p, part * q, part * r
 
 

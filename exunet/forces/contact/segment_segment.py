@@ -178,10 +178,10 @@ def press_at(
         energy = (g_3 - f_3) / length
         at, each = z / length, 1.0 / length
     for axis in range(3):
-        push = weight * (across[axis] * m_0 - e[axis] * m_1)
-        sums[axis] += push
-        sums[3 + axis] += s * push
-        sums[6 + axis] += at * push + each * weight * (across[axis] * m_1 - e[axis] * m_2)
+        normal_force = weight * (across[axis] * m_0 - e[axis] * m_1)
+        sums[axis] += normal_force
+        sums[3 + axis] += s * normal_force
+        sums[6 + axis] += at * normal_force + each * weight * (across[axis] * m_1 - e[axis] * m_2)
     sums[9] += weight * energy
 
 

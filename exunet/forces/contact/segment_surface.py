@@ -32,6 +32,7 @@ from exunet.forces.contact.broad_phase import (
 )
 from exunet.forces.contact.law import friction, regularised_friction, shift_for, sum_place
 from exunet.forces.contact.signed_distance import (
+    apply_at_point,
     core_distance,
     core_point,
     core_vector,
@@ -40,7 +41,6 @@ from exunet.forces.contact.signed_distance import (
     gap_to_box,
     is_flat,
     place_in_body,
-    push_point,
     sampled_distance,
     turn_into,
     velocity_against_body,
@@ -694,7 +694,7 @@ def add_mesh_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
             w_a, w_b = speeds_now(v, c, k, a, b)
             if touch_pieces(c, k, w_a, w_b, m, c.work.sums):
                 holds = c.kept[5 * k] == 1.0 and touches_sampled(c, k, c.kept[5 * k + 1])
-                push_thread(c, k, force, a, b, w_a, w_b, holds)
+                apply_to_element(c, k, force, a, b, w_a, w_b, holds)
     end_resultant(c, force)
 
 
@@ -781,7 +781,7 @@ def moved_since(c: Any, k: int, a: Any, b: Any) -> float:
 def keep_clear(c: Any, k: int, a: Any, b: Any, clear: float) -> None:
     """Remember how far from the surface the pair k is at least [m], less what round-off may change.
 
-    What it would leave in the memory is that of one that does not touch, until it is pushed.
+    What it would leave in the discrete state is that of one that does not touch, until it is pushed.
     """
     c.after[k, 0] = 0.0
     c.near.clear[k] = clear - 1e-9 * c.body.radius
@@ -790,7 +790,7 @@ def keep_clear(c: Any, k: int, a: Any, b: Any, clear: float) -> None:
     seen[3], seen[4], seen[5] = b
 
 
-def push_thread(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, holds: bool) -> None:
+def apply_to_element(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, holds: bool) -> None:
     """Forces of the pair k, whose integrals over where it touches are in c.work.sums.
 
     a, b     : (3) where its ends are in the body's axes [m]
@@ -823,27 +823,27 @@ def push_thread(c: Any, k: int, force: Any, a: Any, b: Any, w_a: Any, w_b: Any, 
         if size > 0.0:
             at = sums[7] / sums[6]
             n = (sums[0] / size, sums[1] / size, sums[2] / size)
-            push = length * sums[6]
+            normal_force = length * sums[6]
             if c.law.slip_speed > 0.0:
                 w = between(w_a, w_b, at)
-                rub = regularised_friction(push, n, w, c.law)
+                rub = regularised_friction(normal_force, n, w, c.law)
             else:
-                rub, at = rub_with_memory(c, k, (push, n), (a, b), (w_a, w_b), at, holds)
+                rub, at = sticking_friction(c, k, (normal_force, n), (a, b), (w_a, w_b), at, holds)
             w = between(w_a, w_b, at)
             force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
             on_a = along(on_a, rub, 1.0 - at)
             on_b = along(on_b, rub, at)
-    push_point(force, i, c.body.centre, c.body.spin, c.work.frame, a, on_a)
-    push_point(force, j, c.body.centre, c.body.spin, c.work.frame, b, on_b)
+    apply_at_point(force, i, c.body.centre, c.body.spin, c.work.frame, a, on_a)
+    apply_at_point(force, j, c.body.centre, c.body.spin, c.work.frame, b, on_b)
 
 
-def rub_with_memory(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middle: float, holds: bool) -> Any:
-    """Friction (3) [N] of a pair, and where on the thread it acts; its next memory into c.after.
+def sticking_friction(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middle: float, holds: bool) -> Any:
+    """Friction (3) [N] of a pair, and where on the thread it acts; its next discrete state into c.after.
 
     normal : size of the force across the surface [N], and its direction (3); middle : where it acts
     ends, speeds : as `ends_now` and `speeds_now` give them; holds : as of `push_thread`
     """
-    push, n = normal
+    normal_force, n = normal
     a, b = ends
     w_a, w_b = speeds
     kept = c.kept
@@ -858,7 +858,7 @@ def rub_with_memory(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middle:
         at = kept[first + 1]
         p = between(a, b, at)
         u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
-    rub, slides = friction(push, n, u, between(w_a, w_b, at), spring, time, c.law)
+    rub, slides = friction(normal_force, n, u, between(w_a, w_b, at), spring, time, c.law)
     if slides or not remembers or not holds:
         at = middle
         u = shift_for(rub, n, between(w_a, w_b, middle), spring, time)
@@ -869,7 +869,7 @@ def rub_with_memory(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middle:
 
 
 def remember_anchor(row: Any, s: float, place: Any) -> None:
-    """Put an anchor into a row of the memory."""
+    """Put an anchor into a row of the discrete state."""
     row[0] = 1.0
     row[1] = s
     row[2] = place[0]
@@ -888,7 +888,7 @@ def along(a: Any, b: Any, s: float) -> Any:
 
 
 def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
-    """Store the memory of the evaluated pairs, and the largest depth.
+    """Store the discrete state of the evaluated pairs, and the largest depth.
 
     `add_thread_contact` has evaluated this state last.
     """
@@ -907,8 +907,8 @@ THREADS = (
     is_clear,
     moved_since,
     keep_clear,
-    push_thread,
-    rub_with_memory,
+    apply_to_element,
+    sticking_friction,
     remember_anchor,
     between,
     along,

@@ -31,7 +31,7 @@ from exunet.forces.contact.segment_segment import (
 )
 from exunet.forces.contact.status import series_of, status_of, untouched
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelTerm, Memory
+from exunet.forces.terms import DiscreteState, KernelTerm
 from exunet.net.arrays import Net
 
 NAME = "self_contact"
@@ -44,7 +44,7 @@ TOO_DEEP, PASSED, TOO_MANY = 1.0, 2.0, 3.0
 
 
 class Together(NamedTuple):
-    """Elements that may touch each other, the law, the memory and work space.
+    """Elements that may touch each other, the law, the discrete state and work space.
 
     first, second : (m,) 3 x nodes at the ends
     length     : (m,) L0 [m]
@@ -58,8 +58,8 @@ class Together(NamedTuple):
     taken      : where in force the rate of the energy that damping takes stands
     skin       : the most of the list [m]
     few        : pairs that the list should not exceed
-    kept       : (3 n_nodes + STATUS,) the memory: where the nodes were at the end of the last step [m], the
-                 status
+    kept       : (3 n_nodes + STATUS,) the discrete state: where the nodes were at the end of the last step
+                 [m], the status
     now        : (8,) of the state that was looked at last: largest depth [m], its pair, pairs that touch; not
                  used; 1 + the number of a pair that is too near, or 0; sum of the forces [N];
                  not used; energy stored [J]
@@ -148,7 +148,9 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
     data.pairs[: len(initial)] = initial[:room]  # the list, until something moves
     data.look[:3] = min(len(initial), room), 0.0, float(len(initial) > room)
     wrong = partial(trouble, data=data)
-    memory = Memory(f"{NAME}/threads", kept, kept_in="kept", wrong=wrong, series=series_of(f"{NAME}/"))
+    discrete = DiscreteState(
+        f"{NAME}/threads", kept, kept_in="kept", wrong=wrong, series=series_of(f"{NAME}/")
+    )
     return KernelTerm(
         "threads of the net",
         add_together,
@@ -157,7 +159,7 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
         (*PAIRS, *TOGETHER, *KEPT, add_pair, reach_of, is_watched, press_pair),
         stiffness_rate=(rate := _stiffness_rate(net, stiffness)),
         damping_rate=damping_rate(damping, rate, speed_of_threads(blocks)),
-        memory=memory,
+        discrete=discrete,
         remember=remember_together,
         internal=True,
     )
@@ -231,7 +233,7 @@ def _stiffness_rate(net: Net, stiffness: float) -> float:
 
 
 def trouble(values: Floats, data: Together) -> str:
-    """Return the error message of a memory; "": no error."""
+    """Return the error message of a discrete state; "": no error."""
     status = status_of(values)
     when = f"at t = {status.wrong_time:.6g} s"
     if status.wrong == TOO_MANY:
@@ -277,7 +279,7 @@ def add_pair(x: Any, v: Any, c: Any, pair: int, force: Any) -> None:
         return
     sums, now = c.sums, c.now
     size = c.stiffness / (math.pi * reach * reach) * c.length[k] * c.length[m]
-    push = size * math.sqrt(sums[0] * sums[0] + sums[1] * sums[1] + sums[2] * sums[2])
+    normal_force = size * math.sqrt(sums[0] * sums[0] + sums[1] * sums[1] + sums[2] * sums[2])
     depth = reach - distance_of(x, c, k, m)
     now[2] += 1.0
     if depth > now[0]:
@@ -287,17 +289,17 @@ def add_pair(x: Any, v: Any, c: Any, pair: int, force: Any) -> None:
         now[4] = 1.0 + pair
     i, j, p, q = c.first[k], c.second[k], c.first[m], c.second[m]
     damped = 1.0
-    if c.damping > 0.0 and push > 0.0:
+    if c.damping > 0.0 and normal_force > 0.0:
         power = 0.0
         for axis in range(3):
             on_j, on_q = size * sums[3 + axis], size * sums[6 + axis]
             both = size * sums[axis]
             power += (both - on_j) * v[i + axis] + on_j * v[j + axis]
             power -= (both - on_q) * v[p + axis] + on_q * v[q + axis]
-        rate = -power / push
+        rate = -power / normal_force
         damped = max(1.0 + c.damping * rate, 0.0)
-        force[c.taken] += (damped - 1.0) * push * rate
-    now[5] += damped * push
+        force[c.taken] += (damped - 1.0) * normal_force * rate
+    now[5] += damped * normal_force
     now[7] += size * sums[9] / 3.0
     size *= damped
     for axis in range(3):

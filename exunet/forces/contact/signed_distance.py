@@ -438,7 +438,7 @@ def velocity_against_body(v: Any, n: int, c: int, s: int, turn: Any, p: Any) -> 
     )
 
 
-def push_point(force: Any, n: int, c: int, s: int, turn: Any, p: Any, f: Any) -> None:
+def apply_at_point(force: Any, n: int, c: int, s: int, turn: Any, p: Any, f: Any) -> None:
     """A force f (3) [N], in the body's axes, on the point at p (3), and its opposite on the body there."""
     force[s] -= p[1] * f[2] - p[2] * f[1]
     force[s + 1] -= p[2] * f[0] - p[0] * f[2]
@@ -449,4 +449,4 @@ def push_point(force: Any, n: int, c: int, s: int, turn: Any, p: Any, f: Any) ->
         force[c + axis] -= d
 
 
-FRAMES = (turn_into, place_in_body, velocity_against_body, push_point)
+FRAMES = (turn_into, place_in_body, velocity_against_body, apply_at_point)

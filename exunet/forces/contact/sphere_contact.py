@@ -22,8 +22,8 @@ from exunet.forces.contact.broad_phase import (
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_net
 from exunet.forces.contact.law import (
     FRICTION,
+    ContactLaw,
     Friction,
-    Law,
     friction,
     regularised_friction,
     shift_for,
@@ -34,13 +34,13 @@ from exunet.forces.contact.signed_distance import (
     FRAMES,
     SAMPLED_DISTANCES,
     any_core_gradient,
+    apply_at_point,
     deeper,
     place_in_body,
-    push_point,
     turn_into,
     velocity_against_body,
 )
-from exunet.forces.contact.status import memory_of, trouble, untouched
+from exunet.forces.contact.status import discrete_state_of, trouble, untouched
 from exunet.forces.contact.thread_contact import ROW
 from exunet.forces.cores import Cores, Surface, TouchedBody
 from exunet.forces.loops import Index
@@ -57,7 +57,7 @@ class SphereLaw(NamedTuple):
     along: float
 
 
-class Balls(NamedTuple):
+class SphereNodes(NamedTuple):
     """Nodes that touch as spheres: singular and plural name, nodes (m,), and the numbers reported (m,)."""
 
     one: str
@@ -66,15 +66,15 @@ class Balls(NamedTuple):
     numbers: Ints
 
 
-def bullets_of(net: Net) -> Balls:
+def bullets_of(net: Net) -> SphereNodes:
     """With the numbers that the case gives to them."""
-    return Balls("bullet", "bullets", net.bullet_nodes, np.arange(len(net.bullet_nodes)))
+    return SphereNodes("bullet", "bullets", net.bullet_nodes, np.arange(len(net.bullet_nodes)))
 
 
-def nodes_of(net: Net) -> Balls:
+def nodes_of(net: Net) -> SphereNodes:
     """Nodes of the net and its strings that are no bullets; those of tethers may lie on a drum."""
     nodes = np.setdiff1d(np.arange(net.n_net_nodes), net.bullet_nodes)
-    return Balls("node", "nodes", nodes, nodes)
+    return SphereNodes("node", "nodes", nodes, nodes)
 
 
 class Spheres(NamedTuple):
@@ -91,7 +91,7 @@ class Spheres(NamedTuple):
     relaxation: Floats
 
 
-class Work(NamedTuple):
+class SphereWorkspace(NamedTuple):
     """frame : (3, 3) the rotation of the body, work space."""
 
     frame: Floats
@@ -106,17 +106,17 @@ class SphereContact(NamedTuple):
     spheres: Spheres
     cores: Cores
     body: TouchedBody
-    law: Law
+    law: ContactLaw
     taken: int
     kept: Floats
     after: Floats
     now: Floats
-    work: Work
+    work: SphereWorkspace
 
 
 def sphere_contact(
     blocks: Blocks,
-    what: Balls,
+    what: SphereNodes,
     body: str,
     surface: Surface,
     radius: float,
@@ -140,12 +140,12 @@ def sphere_contact(
         spheres=Spheres((3 * nodes).astype(Index), radius, spring, relaxation),
         cores=surface.cores,
         body=touched_body(blocks, body, surface, beyond_radius(surface, radius)),
-        law=Law(law.stiffness, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed),
+        law=ContactLaw(law.stiffness, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed),
         taken=blocks.rate("contact/damping"),
         kept=kept,
         after=np.zeros((len(nodes), ROW)),
         now=np.zeros(14),
-        work=Work(np.zeros((3, 3))),
+        work=SphereWorkspace(np.zeros((3, 3))),
     )
     shown: Any = {"surface": surface, "body": body, "what": what.one, "numbers": numbers}
     wrong = partial(trouble, **shown, beyond_radius=data.body.allowed)
@@ -161,7 +161,7 @@ def sphere_contact(
         stiffness_rate=rate,
         damping_rate=damping_rate(data.law.damping, rate, speed, data.law.exponent),
         friction_rate=friction_rate(rubbing, rate, speed),
-        memory=memory_of(what.many, body, kept, wrong),
+        discrete=discrete_state_of(what.many, body, kept, wrong),
         remember=remember_sphere_contact,
         internal=True,
     )
@@ -201,7 +201,7 @@ def _stiffness_rate(blocks: Blocks, body: str, surface: Surface, data: SphereCon
 
 
 def add_sphere_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
-    """Forces of all spheres that touch the body, and what they would leave in the memory."""
+    """Forces of all spheres that touch the body, and what they would leave in the discrete state."""
     now = c.now
     for m in range(now.size):
         now[m] = 0.0
@@ -276,7 +276,7 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
             row[4] = p[2] - u[2]
         force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
         on = (on[0] + rub[0], on[1] + rub[1], on[2] + rub[2])
-    push_point(force, i, c.body.centre, c.body.spin, c.work.frame, p, on)
+    apply_at_point(force, i, c.body.centre, c.body.spin, c.work.frame, p, on)
 
 
 def depth_of_ball(c: Any, p: Any) -> Any:
@@ -302,7 +302,7 @@ def sphere_contact_potential(x: Any, c: Any) -> float:
 
 
 def remember_sphere_contact(t: float, x: Any, v: Any, c: Any) -> None:
-    """Store the memory of the spheres; `add_sphere_contact` has evaluated this state last."""
+    """Store the discrete state of the spheres; `add_sphere_contact` has evaluated this state last."""
     kept = c.kept
     for k in range(c.spheres.node.size):
         keep_row(kept, k, c.after[k])

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.forces.cores import Surface
-from exunet.forces.terms import Memory, Series
+from exunet.forces.terms import DiscreteState, Series
 
 
-class Status(NamedTuple):
-    """Status of a contact at the end of an accepted step, in the order of the memory.
+class ContactStatus(NamedTuple):
+    """Status of a contact at the end of an accepted step, in the order of the discrete state.
 
     depth, depth_time, depth_pair : largest depth so far [m], when [s], number of the pair
     first_touch : when something touched first [s]; -1.0: not yet
@@ -72,7 +72,7 @@ class ContactKey:
         return f"contact_{self.body}/{OF_BODY * self.of_bodies}{self.other}_{self.quantity}"
 
 
-STATUS = len(Status._fields)
+STATUS = len(ContactStatus._fields)
 _SERIES = {  # fields of the status: name of the series, units
     "touching": ("touching", "1"),
     "force": ("force", "N"),
@@ -83,28 +83,28 @@ _SERIES = {  # fields of the status: name of the series, units
 _VECTORS = {"force_x": ("resultant", "N"), "torque_x": ("torque", "N m")}  # three numbers from there on
 
 
-def status_of(values: Floats) -> Status:
-    """The status in a memory."""
-    return Status(*values[-STATUS:].tolist())
+def status_of(values: Floats) -> ContactStatus:
+    """The status in a discrete state."""
+    return ContactStatus(*values[-STATUS:].tolist())
 
 
 def untouched(pairs: Floats) -> Floats:
-    """A memory of these rows, before anything has touched."""
-    status = Status(*np.zeros(STATUS))._replace(first_touch=-1.0)
+    """A discrete state of these rows, before anything has touched."""
+    status = ContactStatus(*np.zeros(STATUS))._replace(first_touch=-1.0)
     return np.concatenate([pairs.ravel(), status])
 
 
-def memory_of(
+def discrete_state_of(
     other: str, body: str, kept: Floats, wrong: Callable[[Floats], str], *, of_bodies: bool = False
-) -> Memory:
-    """The memory of the contact of threads, of bullets, or of another body with a body."""
+) -> DiscreteState:
+    """The discrete state of the contact of threads, of bullets, or of another body with a body."""
     series = tuple(
         Series(ContactKey(body, other, name, of_bodies), unit, _place(field), size)
         for size, quantities in ((1, _SERIES), (3, _VECTORS))
         for field, (name, unit) in quantities.items()
     )
     name = f"contact/{OF_BODY * of_bodies}{other}/{body}"
-    return Memory(name, kept, kept_in="kept", wrong=wrong, series=series)
+    return DiscreteState(name, kept, kept_in="kept", wrong=wrong, series=series)
 
 
 def series_of(begin: str) -> tuple[Series, ...]:
@@ -113,8 +113,8 @@ def series_of(begin: str) -> tuple[Series, ...]:
 
 
 def _place(field: str) -> int:
-    """Return where a field of the status stands, from the end of a memory."""
-    return Status._fields.index(field) - STATUS
+    """Return where a field of the status stands, from the end of a discrete state."""
+    return ContactStatus._fields.index(field) - STATUS
 
 
 TOO_DEEP, TOO_FAST, UNSEEN = 1.0, 2.0, 3.0
@@ -132,7 +132,7 @@ def trouble(
     numbers: NDArray[np.int64],
     beyond_radius: float | None = None,
 ) -> str:
-    """Return the error message of a memory; "": no error.
+    """Return the error message of a discrete state; "": no error.
 
     what, numbers : name of what touches the body, and its number in each pair
     beyond_radius : how much deeper than by its radius it may be [m]; None: as the surface allows
@@ -168,7 +168,7 @@ def trouble(
 
 
 def trouble_of_bodies(values: Floats, presses: str, touched: str, allowed: float, least: float) -> str:
-    """Return the error message of the memory of two bodies; "": no error.
+    """Return the error message of the discrete state of two bodies; "": no error.
 
     allowed : depth beyond which nothing may be [m]; least : half of the least thickness of both [m]
     """

@@ -13,12 +13,13 @@ from exunet.base.arrays import Floats, Ints
 from exunet.forces.blocks import Blocks
 from exunet.forces.contact.broad_phase import NEAR, RESULTANT, begin_resultant, end_resultant
 from exunet.forces.contact.estimate import damping_rate, friction_rate, speed_of_net
-from exunet.forces.contact.law import FRICTION, Friction, Law, sum_place, touched_body
+from exunet.forces.contact.law import FRICTION, ContactLaw, Friction, sum_place, touched_body
 from exunet.forces.contact.segment_surface import (
     PIECES,
     THREADS,
     TOUCHING,
     add_mesh_contact,
+    apply_to_element,
     ends_at,
     ends_now,
     find_spans,
@@ -26,14 +27,13 @@ from exunet.forces.contact.segment_surface import (
     keep_clear,
     mesh_contact_potential,
     places_now,
-    push_thread,
     remember_thread_contact,
     speeds_now,
     touch,
     touches_at,
 )
 from exunet.forces.contact.signed_distance import DISTANCES, FRAMES, SAMPLED_DISTANCES, is_flat, turn_into
-from exunet.forces.contact.status import memory_of, trouble, untouched
+from exunet.forces.contact.status import discrete_state_of, trouble, untouched
 from exunet.forces.cores import SAMPLED, Cores, Surface, TouchedBody
 from exunet.forces.loops import Index
 from exunet.forces.terms import Function, KernelTerm
@@ -41,7 +41,7 @@ from exunet.forces.terms import Function, KernelTerm
 # Of a cell, by which the ends of a thread may move before its pieces are listed anew: a longer way lists them
 # more rarely, but lets more of them come near. Of 0.012 to 0.8 this takes least time on a wrapped satellite.
 SKIN = 0.025
-ROW = 5  # numbers of a pair in the memory, see `segment_surface.remember_anchor`
+ROW = 5  # numbers of a pair in the discrete state, see `segment_surface.remember_anchor`
 
 
 def gauss_rules(*numbers: int) -> Floats:
@@ -50,7 +50,7 @@ def gauss_rules(*numbers: int) -> Floats:
     return np.concatenate([np.stack([0.5 + 0.5 * x, 0.5 * w]) for x, w in rules], axis=1)
 
 
-class Threads(NamedTuple):
+class ContactElements(NamedTuple):
     """Elements that may touch a body, (m,) each.
 
     first, second : 3 x nodes at the ends
@@ -103,7 +103,7 @@ class Near(NamedTuple):
     wanted: Ints
 
 
-class Work(NamedTuple):
+class ThreadWorkspace(NamedTuple):
     """Work space of a contact of threads, and Gauss's rules.
 
     frame    : (3, 3) the rotation of the body
@@ -128,24 +128,24 @@ class ThreadContact(NamedTuple):
     """Contact of threads with a body.
 
     taken    : where in force the rates of the energies that damping and friction take stand
-    kept     : (ROW m + STATUS,) the memory
-    after    : (m, ROW) what the memory would be after the state that was evaluated last
+    kept     : (ROW m + STATUS,) the discrete state
+    after    : (m, ROW) what the discrete state would be after the state that was evaluated last
     now      : (14,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
                body of what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0
                of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair;
                energy stored [J]; force and torque as of `Status` [N], [N m]
     """
 
-    threads: Threads
+    threads: ContactElements
     cores: Cores
     body: TouchedBody
-    law: Law
+    law: ContactLaw
     taken: int
     kept: Floats
     after: Floats
     now: Floats
     near: Near
-    work: Work
+    work: ThreadWorkspace
 
 
 def thread_contact(
@@ -172,7 +172,7 @@ def thread_contact(
     if cores.kind[0] == SAMPLED:
         pieces = np.ceil(length / cores.samples.cell).astype(np.int64)
     number, most, nodes = len(element), int(pieces.max(initial=1)), np.unique(ends)
-    threads = Threads(
+    threads = ContactElements(
         first=(3 * ends[:, 0]).astype(Index),
         second=(3 * ends[:, 1]).astype(Index),
         element=element,
@@ -196,7 +196,7 @@ def thread_contact(
         near_nodes=np.zeros(nodes.size, dtype=np.int64),
         wanted=np.zeros(net.n_nodes, dtype=np.int64),
     )
-    work = Work(
+    work = ThreadWorkspace(
         frame=np.zeros((3, 3)),
         own=np.zeros(3 * net.n_nodes),
         lines=np.zeros((len(cores.kind), 6)),
@@ -210,7 +210,7 @@ def thread_contact(
         threads=threads,
         cores=cores,
         body=touched_body(blocks, body, surface, surface.allowed),
-        law=Law(stiffness, damping, 1.0, rubbing.friction, rubbing.slip_speed),
+        law=ContactLaw(stiffness, damping, 1.0, rubbing.friction, rubbing.slip_speed),
         taken=blocks.rate("contact/damping"),
         kept=kept,
         after=np.zeros((number, ROW)),
@@ -234,7 +234,7 @@ def thread_contact(
         stiffness_rate=rates[0],
         damping_rate=rates[1],
         friction_rate=rates[2],
-        memory=memory_of("threads", body, kept, wrong),
+        discrete=discrete_state_of("threads", body, kept, wrong),
         remember=remember_thread_contact,
         internal=True,
     )
@@ -278,7 +278,7 @@ def _arm(surface: Surface) -> float:
 
 
 def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
-    """Forces of all threads that touch the body, and what they would leave in the memory."""
+    """Forces of all threads that touch the body, and what they would leave in the discrete state."""
     begin_resultant(c, force)
     for item in range(places_now(t, x, v, c)):
         k = c.near.pairs[item]
@@ -291,7 +291,7 @@ def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
             w_a, w_b = speeds_now(v, c, k, a, b)
             if touch(c, c.threads.thick[k], w_a, w_b, m, c.work.sums):
                 holds = c.kept[5 * k] == 1.0 and touches_at(c, c.kept[5 * k + 1])
-                push_thread(c, k, force, a, b, w_a, w_b, holds)
+                apply_to_element(c, k, force, a, b, w_a, w_b, holds)
     end_resultant(c, force)
 
 

@@ -17,7 +17,7 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.record import Positive
 from exunet.forces.blocks import Blocks
-from exunet.forces.cable import Law
+from exunet.forces.cable import AxialLaw
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.effect import Effect, RestOfCase
 from exunet.forces.effects.rayleigh_damping import RayleighDamping
@@ -67,7 +67,7 @@ class Breaking(Effect):
             return np.full(net.n_elements, self.force)
         assert self.strain is not None
         if net.law_number is not None:
-            return Law.of(net).tension(net.reference_length * math.sqrt(1.0 + 2.0 * self.strain))
+            return AxialLaw.of(net).tension(net.reference_length * math.sqrt(1.0 + 2.0 * self.strain))
         return np.asarray(
             self.strain * math.sqrt(1.0 + 2.0 * (self.strain + free_strain)) * net.axial_stiffness
         )

@@ -19,7 +19,7 @@ from exunet.base.record import FromArray, NonNegative, Positive, Record
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.contact.body_contact import BodyLaw, body_contact
 from exunet.forces.contact.law import ImpactDampingConfig, hertz_of_line, hertz_of_sphere
-from exunet.forces.contact.sphere_contact import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
+from exunet.forces.contact.sphere_contact import SphereLaw, SphereNodes, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.thread_contact import Friction, thread_contact
 from exunet.forces.effect import Effect, RestOfCase, existing_body
 from exunet.forces.estimate import Estimate, EstimateBasis
@@ -109,7 +109,7 @@ Pairs = Annotated[tuple[Annotated[tuple[str, str], FromArray], ...], FromArray]
 
 
 class StickingFriction(Record):
-    """Coulomb's friction with memory: it holds what rests."""
+    """Coulomb's friction with discrete state: it holds what rests."""
 
     law: Literal["sticking"] = Field(description="holds what rests, with memory")
     coefficient: NonNegative = Field(description="coefficient mu of Coulomb's friction [-]", examples=[0.3])
@@ -261,7 +261,7 @@ class Contact(Effect, ImpactDampingConfig):
         return tuple(found)
 
     def _balls(
-        self, blocks: Blocks, what: Balls, body: str, radius: float | None, law: SphereLaw
+        self, blocks: Blocks, what: SphereNodes, body: str, radius: float | None, law: SphereLaw
     ) -> KernelTerm:
         assert radius is not None
         inside, surface = body == blocks.carrier, blocks.surfaces[body]

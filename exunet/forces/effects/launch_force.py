@@ -49,11 +49,11 @@ from exunet.forces.blocks import Blocks, PointMass
 from exunet.forces.effect import Effect, RestOfCase, existing_body
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index, in_body_axes, in_scene_axes
-from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
+from exunet.forces.terms import Change, DiscreteState, DiscreteStates, KernelTerm, Switch
 from exunet.net.arrays import Net
 
 
-class Law(NamedTuple):
+class LaunchLaw(NamedTuple):
     """Law of what pushes.
 
     force, stroke : F0 [N], path on which it acts [m]
@@ -96,9 +96,9 @@ class LaunchForce(Effect):
     )
 
     @property
-    def law(self) -> Law:
+    def law(self) -> LaunchLaw:
         """Law of what pushes."""
-        return Law(self.force, self.stroke)
+        return LaunchLaw(self.force, self.stroke)
 
     @property
     def work(self) -> float:
@@ -117,8 +117,8 @@ class LaunchForce(Effect):
         """Return one conservative term over the bullets and the chaser; the stroke counts from the start."""
         axes = self.barrels(blocks.net)
         if self.body is None:
-            return (push_from_mass(blocks, "chaser", axes, self.law),)
-        return (push_term(blocks, self.body, axes, self.law),)
+            return (launch_from_mass(blocks, "chaser", axes, self.law),)
+        return (launch_term(blocks, self.body, axes, self.law),)
 
     def barrels(self, net: Net) -> np.ndarray:
         """Return (n_bullets, 3) unit vectors: spread_angle from +z towards the bullet's reference."""
@@ -187,15 +187,15 @@ class GasLaunchForce(LaunchForce):
     exponent: float = Field(gt=1.0, description="gamma of the adiabatic expansion [-]", examples=[1.4])
 
     @property
-    def law(self) -> Law:
+    def law(self) -> LaunchLaw:
         """Law of what pushes."""
-        return Law(self.force, self.stroke, self.dead_length, self.exponent)
+        return LaunchLaw(self.force, self.stroke, self.dead_length, self.exponent)
 
 
 AnyLaunchForce = Annotated[SpringLaunchForce | GasLaunchForce, Field(discriminator="kind")]
 
 
-def push_from_mass(blocks: Blocks, chaser: str, axes: Floats, law: Law) -> KernelTerm:
+def launch_from_mass(blocks: Blocks, chaser: str, axes: Floats, law: LaunchLaw) -> KernelTerm:
     """Return the term of what pushes all bullets out of barrels on a point mass.
 
     axes : (n, 3) unit vectors of the barrels
@@ -205,10 +205,10 @@ def push_from_mass(blocks: Blocks, chaser: str, axes: Floats, law: Law) -> Kerne
     start = np.einsum("ba,ba->b", blocks.position[net.bullet_nodes] - blocks.position[point], axes)
     return KernelTerm(
         f"bullets and {chaser}",
-        add_push_of_mass,
+        add_launch_of_mass,
         BarrelsOnMass(nodes, 3 * point, axes, start, law),
-        push_of_mass_potential,
-        (travelled, push_apart, *_LAWS),
+        launch_of_mass_potential,
+        (travelled, apply_to_both, *_LAWS),
         np.stack([net.bullet_nodes, np.full(len(nodes), point)], axis=1),
     )
 
@@ -226,7 +226,7 @@ class BarrelsOnMass(NamedTuple):
     chaser: int
     axes: Floats
     start: Floats
-    law: Law
+    law: LaunchLaw
 
 
 class Barrels(NamedTuple):
@@ -246,14 +246,14 @@ class Barrels(NamedTuple):
     centre: int
     attitude: int
     spin: int
-    law: Law
+    law: LaunchLaw
 
 
 def _with_inside(data: Barrels, inside: Floats) -> Barrels:
     return data._replace(inside=inside)
 
 
-def push_term(blocks: Blocks, body: str, axes: Floats, law: Law) -> KernelTerm:
+def launch_term(blocks: Blocks, body: str, axes: Floats, law: LaunchLaw) -> KernelTerm:
     """Return the term of what pushes all bullets out of barrels on a body.
 
     axes : (n, 3) unit vectors of the barrels at the start, in the net's axes
@@ -268,12 +268,12 @@ def push_term(blocks: Blocks, body: str, axes: Floats, law: Law) -> KernelTerm:
 
     return KernelTerm(
         f"bullets and {body}",
-        add_push_of_body,
+        add_launch_of_body,
         data,
-        push_of_body_potential,
-        (in_body_axes, in_scene_axes, way_in_barrel, push_from_body, *_LAWS),
+        launch_of_body_potential,
+        (in_body_axes, in_scene_axes, way_in_barrel, apply_from_body, *_LAWS),
         bodies=(body,) if body in blocks.free_bodies else (),
-        memory=Memory("launch_force/inside", inside, partial(_with_inside, data)),
+        discrete=DiscreteState("launch_force/inside", inside, partial(_with_inside, data)),
         switch=Muzzles(data),
         event=beyond_muzzle,
         internal=True,
@@ -323,21 +323,21 @@ class Muzzles(Switch):
 
     barrels: Barrels
 
-    def in_steps(self, memory: Floats) -> bool:
+    def in_steps(self, discrete: Floats) -> bool:
         """Until all have left."""
-        return bool(memory.any())
+        return bool(discrete.any())
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
         """Bullets in their barrels whose way is not below the stroke."""
-        inside = np.flatnonzero(memory).tolist()
+        inside = np.flatnonzero(discrete).tolist()
         out = [b for b in inside if way_in_barrel(x, b, self.barrels) >= self.barrels.law.stroke]
         return np.array(out, dtype=np.int64)
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
         """They are not pushed again."""
-        inside = memory.copy()
+        inside = discrete.copy()
         inside[items] = 0.0
         return Change(inside)
 
@@ -361,10 +361,10 @@ def beyond_muzzle(t: float, x: Any, v: Any, barrels: Any) -> float:
     return beyond
 
 
-def push_from_body(x: Any, b: int, push: float, barrels: Any, force: Any) -> None:
+def apply_from_body(x: Any, b: int, thrust: float, barrels: Any, force: Any) -> None:
     """A force [N] on bullet b along its barrel, and the reaction on the body at the bullet's place."""
     k, c, n, q = barrels.bullets[b], barrels.centre, barrels.spin, barrels.attitude
-    i, j, m = push * barrels.axes[b, 0], push * barrels.axes[b, 1], push * barrels.axes[b, 2]
+    i, j, m = thrust * barrels.axes[b, 0], thrust * barrels.axes[b, 1], thrust * barrels.axes[b, 2]
     d, e, f = in_body_axes(x, q, x[k] - x[c], x[k + 1] - x[c + 1], x[k + 2] - x[c + 2])
     force[n] += j * f - m * e
     force[n + 1] += m * d - i * f
@@ -378,16 +378,16 @@ def push_from_body(x: Any, b: int, push: float, barrels: Any, force: Any) -> Non
     force[c + 2] -= f
 
 
-def add_push_of_body(t: float, x: Any, v: Any, barrels: Any, force: Any) -> None:
+def add_launch_of_body(t: float, x: Any, v: Any, barrels: Any, force: Any) -> None:
     """F(s) along each barrel while its bullet has not left it."""
     for b in range(barrels.bullets.size):
         if barrels.inside[b] > 0.0:
             s = way_in_barrel(x, b, barrels)
             if s < barrels.law.stroke:
-                push_from_body(x, b, force_of(s, barrels.law), barrels, force)
+                apply_from_body(x, b, force_of(s, barrels.law), barrels, force)
 
 
-def push_of_body_potential(x: Any, barrels: Any) -> float:
+def launch_of_body_potential(x: Any, barrels: Any) -> float:
     """U(s) of each bullet in its barrel."""
     total = 0.0
     for b in range(barrels.bullets.size):
@@ -407,23 +407,23 @@ def travelled(x: Any, b: int, barrels: Any) -> float:
     return s
 
 
-def push_apart(b: int, push: float, barrels: Any, force: Any) -> None:
+def apply_to_both(b: int, thrust: float, barrels: Any, force: Any) -> None:
     """A force [N] on bullet b along its barrel, and its reaction on the chaser."""
     k, c = barrels.bullets[b], barrels.chaser
     for axis in range(3):
-        force[k + axis] += push * barrels.axes[b, axis]
-        force[c + axis] -= push * barrels.axes[b, axis]
+        force[k + axis] += thrust * barrels.axes[b, axis]
+        force[c + axis] -= thrust * barrels.axes[b, axis]
 
 
-def add_push_of_mass(t: float, x: Any, v: Any, barrels: Any, force: Any) -> None:
+def add_launch_of_mass(t: float, x: Any, v: Any, barrels: Any, force: Any) -> None:
     """F(s) along each barrel while s < stroke."""
     for b in range(barrels.bullets.size):
         s = travelled(x, b, barrels)
         if s < barrels.law.stroke:
-            push_apart(b, force_of(s, barrels.law), barrels, force)
+            apply_to_both(b, force_of(s, barrels.law), barrels, force)
 
 
-def push_of_mass_potential(x: Any, barrels: Any) -> float:
+def launch_of_mass_potential(x: Any, barrels: Any) -> float:
     """U(s) of all bullets in their barrels."""
     total = 0.0
     for b in range(barrels.bullets.size):

@@ -14,7 +14,7 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks
-from exunet.forces.cable import Law
+from exunet.forces.cable import AxialLaw
 from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.effect import Effect
 from exunet.forces.estimate import Estimate, EstimateBasis
@@ -72,13 +72,13 @@ class ThermalStrain(Effect):
         law = CableTerm(net, sum(self.terms(basis.blocks), ElementLaw())).law
         length = cable.lengths(net, basis.position)
         pull = law.tension(length)
-        change = pull - Law.of(net).tension(length)
+        change = pull - AxialLaw.of(net).tension(length)
         along = cable.spans(net, basis.position) * (change / np.where(length > 0.0, length, 1.0))[:, None]
         force = np.zeros((net.n_nodes, 3))
         np.add.at(force, net.element_nodes[:, 0], along)
         np.subtract.at(force, net.element_nodes[:, 1], along)
         acceleration = basis.of_force(force)
-        stored = cable.elastic_energy(law, length) - cable.elastic_energy(Law.of(net), length)
+        stored = cable.elastic_energy(law, length) - cable.elastic_energy(AxialLaw.of(net), length)
         speed = float(np.sqrt(2.0 * max(float(stored), 0.0) / net.mass[basis.free].sum()))
         flight = min(basis.ballistic(acceleration), basis.held(speed * basis.duration))
         static = abs(self.stretch - 1.0) * basis.rms(net.reference_position)

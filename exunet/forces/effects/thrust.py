@@ -18,9 +18,9 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.effect import Effect, RestOfCase, existing_bullets
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
-from exunet.forces.terms import Change, KernelTerm, Memories, Memory, Switch
+from exunet.forces.terms import Change, DiscreteState, DiscreteStates, KernelTerm, Switch
 
-MEMORY = "thrust/knots_passed"
+STATE_NAME = "thrust/knots_passed"
 PASSED, SINCE, FACTOR = 0, 1, 2  # in it: how many knots, from when on they count [s], of all forces
 
 
@@ -62,16 +62,17 @@ class Thrust(Effect):
     def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
         """Return one term over the chosen bullets.
 
-        Its memory is the number of the knots passed, so that no step sees a kink; the time from which on the
-        knots count [s]; the factor of all forces, which a script may set. Before the first knot (0) and after
-        the last (n) there is no force; between the knots k and k + 1 it is linear. Steps end at the knots.
+        Its discrete state is the number of the knots passed, so that no step sees a kink; the time from which
+        on the knots count [s]; the factor of all forces, which a script may set. Before the first knot (0)
+        and after the last (n) there is no force; between the knots k and k + 1 it is linear. Steps end at the
+        knots.
         """
         nodes = (3 * blocks.net.bullet_nodes[list(self.bullets)]).astype(Index)
         times, force = np.array(self.time), np.array(self.force)
         initial = begun_at(0.0, times, 1.0)
         data = partial(_data_at, nodes, times, force)
-        memory = Memory(MEMORY, initial, data)
-        return (KernelTerm("bullets", add_thrust, data(initial), memory=memory, switch=Knots(self.time)),)
+        discrete = DiscreteState(STATE_NAME, initial, data)
+        return (KernelTerm("bullets", add_thrust, data(initial), discrete=discrete, switch=Knots(self.time)),)
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
         """Estimate the bullets alone under the largest force, and their way under the given force."""
@@ -94,25 +95,25 @@ class Thrust(Effect):
         )
 
 
-def _data_at(nodes: NDArray[Index], times: Floats, force: Floats, memory: Floats) -> ThrustTable:
+def _data_at(nodes: NDArray[Index], times: Floats, force: Floats, discrete: Floats) -> ThrustTable:
     return ThrustTable(
-        nodes, memory[SINCE] + times, memory[FACTOR] * force, memory[[PASSED]].astype(np.int64)
+        nodes, discrete[SINCE] + times, discrete[FACTOR] * force, discrete[[PASSED]].astype(np.int64)
     )
 
 
 def begun_at(time: float, times: Floats, factor: float) -> Floats:
-    """The memory of a thrust whose knots count from a time on [s], at that time."""
+    """The discrete state of a thrust whose knots count from a time on [s], at that time."""
     return np.array([float(np.searchsorted(times, 0.0, side="right")), time, factor])
 
 
 def waiting(term: KernelTerm) -> KernelTerm:
     """A thrust that a script lets begin: its switch knows no instant, and the script plans them."""
-    assert term.memory is not None
-    assert term.memory.data is not None
+    assert term.discrete is not None
+    assert term.discrete.data is not None
     assert isinstance(term.switch, Knots)
     never = np.array([0.0, np.inf, 1.0])
-    memory, switch = replace(term.memory, initial=never), Knots(term.switch.knots, known=False)
-    return replace(term, data=term.memory.data(never), memory=memory, switch=switch)
+    discrete, switch = replace(term.discrete, initial=never), Knots(term.switch.knots, known=False)
+    return replace(term, data=term.discrete.data(never), discrete=discrete, switch=switch)
 
 
 class Knots(Switch):
@@ -125,18 +126,18 @@ class Knots(Switch):
         self.knots = knots
         self.times = knots if known else ()
 
-    def _passed(self, time: float, memory: Floats) -> float:
-        return float(np.searchsorted(memory[SINCE] + np.array(self.knots), time, side="right"))
+    def _passed(self, time: float, discrete: Floats) -> float:
+        return float(np.searchsorted(discrete[SINCE] + np.array(self.knots), time, side="right"))
 
-    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
-        """The only item, if a knot was passed since the memory was set."""
-        return np.flatnonzero([self._passed(time, memory) > memory[PASSED]])
+    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
+        """The only item, if a knot was passed since the discrete state was set."""
+        return np.flatnonzero([self._passed(time, discrete) > discrete[PASSED]])
 
     def change(
-        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
         """Count the knots; nothing else changes."""
-        return Change(np.array([self._passed(time, memory), *memory[SINCE:]]))
+        return Change(np.array([self._passed(time, discrete), *discrete[SINCE:]]))
 
 
 class ThrustTable(NamedTuple):

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
-from exunet.bodies.kinematics import OnGuided, sites_of, steer
+from exunet.bodies.kinematics import OnPrescribed, sites_of, steer
 from exunet.bodies.port import Piece
 from exunet.forces.cable import elastic_energy, lengths
 from exunet.forces.law import energy
 from exunet.forces.loops import ViscousElements
 from exunet.forces.reel import Winding
-from exunet.forces.terms import Change, Memories, Seen, Watch
+from exunet.forces.terms import Change, DiscreteStates, Seen, Watch
 from exunet.integrators.compiled.steps import IMPORTS, LOOP, STEPS, TINY_IN_A_ROW
 from exunet.integrators.compiled.workspace import (
     CLOCK,
@@ -26,8 +26,8 @@ from exunet.integrators.compiled.workspace import (
     EqualSteps,
     Kept,
     ObservedSteps,
-    Run,
     Stages,
+    StepInterval,
     StepLimits,
     clock_at,
     empty_states,
@@ -60,7 +60,7 @@ class StepExtremes:
         self._system, self._seen = system, seen
         self._peaks = {name: seen.peaks[name] for name in PEAKS.names or ()}
         self._elements = elements
-        self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
+        self._inactive = 0.0  # elastic energy [J] of the elements that the kernel leaves out
         self._peaks["keep_above"][0] = least_energy_beyond(system)
         # Elements that other terms have are looked at here too; their energy is not among the elements'.
         each = elements or system.forces.cable.leaves_some
@@ -76,41 +76,41 @@ class StepExtremes:
         """Energies of the steps since `begin`, tensions of all steps."""
         elastic, kinetic = (float(self._peaks[name][0]) for name in ("elastic", "kinetic"))
         each = self._seen.of_elements.copy() if self._elements else _NO_STRESS
-        return Extremes(elastic + self._asleep, kinetic, largest_tensions_of(self._seen.largest), each)
+        return Extremes(elastic + self._inactive, kinetic, largest_tensions_of(self._seen.largest), each)
 
-    def remember(self, memory: Arrays, x: Floats) -> None:
-        """Take all memories into account, in a state x (n_x,)."""
-        self._count_asleep(memory, x)
+    def remember(self, discrete: Arrays, x: Floats) -> None:
+        """Take all discrete states into account, in a state x (n_x,)."""
+        self._count_inactive(discrete, x)
         cable, seen = self._system.forces.cable, self._seen
-        carrying = cable.carrying(memory)
+        carrying = cable.carrying(discrete)
         if carrying is not None:
             seen.stiffness[:] = cable.law.stiffness * carrying
         for number, winding in enumerate(cable.reels):
-            self._see_outlet(number, winding, memory)
+            self._see_outlet(number, winding, discrete)
         seen.highest[:] = np.where(seen.twice_time > 0.0, 0.0, seen.length**2)
 
-    def _see_outlet(self, number: int, winding: Winding, memory: Arrays) -> None:
+    def _see_outlet(self, number: int, winding: Winding, discrete: Arrays) -> None:
         """Observe the outlet as an element from the drum to the first node outside."""
         seen, wound_up = self._seen, list(winding.reel.elements)
         nodes = self._system.net.element_nodes[wound_up]
         seen.first[wound_up], seen.second[wound_up] = 3 * nodes.T
         seen.length[wound_up] = self._system.forces.cable.law.natural_length[wound_up]
         seen.jumps[wound_up], seen.winding[wound_up] = seen.twice_time[wound_up], 0.0
-        element, outlet = winding.outlet_now(memory)
+        element, outlet = winding.outlet_now(discrete)
         seen.first[element], seen.second[element] = outlet.drum[0], outlet.far[0]
         seen.stiffness[element], seen.jumps[element] = outlet.stiffness, 0.0
         places = element, outlet.state[0], outlet.rate[0]
         seen.outlets[number] = *places, outlet.base, outlet.least, outlet.ratio
 
-    def _count_asleep(self, memory: Arrays, x: Floats) -> None:
+    def _count_inactive(self, discrete: Arrays, x: Floats) -> None:
         """The kernel leaves out elements between points that sleep; they count with the extremes."""
-        cable, before = self._system.forces.cable, self._asleep
-        moving = cable.moving(memory)
+        cable, before = self._system.forces.cable, self._inactive
+        moving = cable.moving(discrete)
         if moving is not None:
             position = x[: 3 * self._system.blocks.n_points].reshape(-1, 3)
-            law = law_of(self._system.forces, memory).of_intact((~moving).astype(float))
-            self._asleep = float(elastic_energy(law, lengths(self._system.net, position)))
-            self._peaks["elastic"] += before - self._asleep
+            law = law_of(self._system.forces, discrete).of_intact((~moving).astype(float))
+            self._inactive = float(elastic_energy(law, lengths(self._system.net, position)))
+            self._peaks["elastic"] += before - self._inactive
 
 
 def least_energy_beyond(system: System) -> float:
@@ -171,8 +171,8 @@ class CompiledStepper:
         self._verlet = plan.method == Method.VELOCITY_VERLET
         self._kernel = kernel or loop_kernel(system)
         self._module = self._kernel.module
-        self._memory = {name: np.array(values, dtype=float) for name, values in state.memory.items()}
-        self._table = self._kernel.table(state.memory)
+        self._discrete = {name: np.array(values, dtype=float) for name, values in state.discrete.items()}
+        self._table = self._kernel.table(state.discrete)
         self._motion = motion_of(system, state, self._table)
         self._clock = clock_at(state.time, plan.first_step)
         self._time, self._tiny, self._steps = (self._clock[name] for name in ("time", "tiny", "steps"))
@@ -198,8 +198,8 @@ class CompiledStepper:
         self._hold()
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._ports = _steady_ports(system, state)
-        if state.memory:
-            self._remember(self._memory)
+        if state.discrete:
+            self._remember(self._discrete)
         self._steer_all()
 
     @property
@@ -225,10 +225,10 @@ class CompiledStepper:
         return StepCounts(steps, rejected, right_hand_sides=1 + stages * (steps + rejected))
 
     @property
-    def memory(self) -> dict[str, Floats]:
+    def discrete(self) -> dict[str, Floats]:
         for name, values in self._table.kept.items():
-            self._memory[name][:] = values
-        return self._memory
+            self._discrete[name][:] = values
+        return self._discrete
 
     @property
     def kept(self) -> dict[str, Floats]:
@@ -238,12 +238,12 @@ class CompiledStepper:
         return self._motion.x, self._motion.v
 
     def state(self) -> State:
-        memory = {name: values.copy() for name, values in self.memory.items()}
+        discrete = {name: values.copy() for name, values in self.discrete.items()}
         moving = self._layout.unpack(self._motion.x.copy(), self._motion.v.copy())
-        return State.of(self.time, moving.completed(self._system.kinematics, self.time, memory), memory)
+        return State.of(self.time, moving.completed(self._system.kinematics, self.time, discrete), discrete)
 
     def view(self) -> State:
-        return State.of(self.time, self._moving, self.memory)
+        return State.of(self.time, self._moving, self.discrete)
 
     def step(
         self, times: Sequence[float], most: int | None = None, until_true: Callable[[], bool] | None = None
@@ -284,7 +284,7 @@ class CompiledStepper:
     def _through(self, times: Floats) -> Steps:
         """From times[0], the state's time, through all times [s] in one call of compiled code."""
         kept = empty_states(len(times), self._system)
-        run = Run(self._motion, self._clock, self._seen, kept, self._looks)
+        run = StepInterval(self._motion, self._clock, self._seen, kept, self._looks)
         if self._chosen:
             never = np.int64(2**62)
             rows = self._module.through_chosen(times, self._control, TINY_IN_A_ROW, never, run)
@@ -297,7 +297,7 @@ class CompiledStepper:
 
     def _of_rows(self, kept: Kept, rows: slice, extremes: Extremes) -> Steps:
         time, x, v, taken = (values[rows] for values in kept)
-        return Steps(States(self._system, time, x, v, self._memory, taken), extremes)
+        return Steps(States(self._system, time, x, v, self._discrete, taken), extremes)
 
     def _validate_steps(self, steps: Steps) -> None:
         """Raise StepsCollapsed if no step is small enough for the tolerance."""
@@ -305,11 +305,11 @@ class CompiledStepper:
             words = f"the steps collapsed to {self._clock['step'][0]:.1g} s at t = {self.time:.6g} s"
             raise StepsCollapsed(f"{words}: the tolerance {self._plan.tolerance:.2g} cannot be met", steps)
 
-    def change(self, change: Change, memory: Memories) -> None:
+    def change(self, change: Change, discrete: DiscreteStates) -> None:
         if change.quiet:
             for name, values in self._table.kept.items():
-                values[:] = memory[name]
-            self._memory = dict(memory)
+                values[:] = discrete[name]
+            self._discrete = dict(discrete)
         else:
             m = self._motion
             m.taken[0] += change.energy_lost or 0.0
@@ -317,32 +317,34 @@ class CompiledStepper:
                 m.x[:] = change.x
             if change.v is not None:
                 m.v[:] = change.v
-            self._remember(memory)
+            self._remember(discrete)
         self._module.begin(self.time, self._verlet, self._motion)
 
-    def _remember(self, memory: Memories) -> None:
-        """Let the forces, and what looks at tensions, take all memories into account."""
-        self._memory = {name: np.array(values, dtype=float) for name, values in memory.items()}
-        self._table = self._kernel.table(memory)
+    def _remember(self, discrete: DiscreteStates) -> None:
+        """Let the forces, and what looks at tensions, take all discrete states into account."""
+        self._discrete = {name: np.array(values, dtype=float) for name, values in discrete.items()}
+        self._table = self._kernel.table(discrete)
         self._motion = self._motion._replace(data=self._table.rows)
         self._seen = self._with_stresses(self._seen)
-        self._looks = self._looks._replace(memory=self._table.changed)
+        self._looks = self._looks._replace(discrete=self._table.changed)
         self._steer_all()
-        self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
+        self._motion.inverse[:] = self._layout.inverse_mass(self._system, discrete)
         self._hold()
         if self._extremes is not None:
-            self._extremes.remember(memory, self._motion.x)
+            self._extremes.remember(discrete, self._motion.x)
 
     def _hold(self) -> None:
-        self._held = self._module.hold(Run(self._motion, self._clock, self._seen, self._kept, self._looks))
+        self._held = self._module.hold(
+            StepInterval(self._motion, self._clock, self._seen, self._kept, self._looks)
+        )
 
-    def push(self, force: Floats) -> None:
-        self._motion.push[: force.size] = force.ravel()
-        self._motion.pushed[0] = float(self._motion.push.any())
+    def set_external_force(self, force: Floats) -> None:
+        self._motion.external[: force.size] = force.ravel()
+        self._motion.has_external[0] = float(self._motion.external.any())
         self._module.begin(self.time, self._verlet, self._motion)
 
     def set_inputs(self, inputs: Arrays) -> None:
-        self._remember({**self.memory, **inputs})
+        self._remember({**self.discrete, **inputs})
         self._module.begin(self.time, self._verlet, self._motion)
 
     def steer(self, port: str, piece: Piece) -> None:
@@ -361,8 +363,8 @@ class CompiledStepper:
 
     def _steer_all(self) -> None:
         data, blocks = self._table.data, self._system.blocks
-        # A guided body that holds masses has forces on it that jump with its acceleration.
-        self._bears = any(isinstance(part, OnGuided) for part in data)
+        # A prescribed body that holds masses has forces on it that jump with its acceleration.
+        self._bears = any(isinstance(part, OnPrescribed) for part in data)
         self._sites = {name: sites_of(data, blocks.centre(name)) for name in self._ports}
         for name, piece in self._ports.items():
             steer(self._sites[name], piece)
@@ -375,7 +377,7 @@ class CompiledStepper:
             "x": m.x,
             "v": m.v,
             "a": m.work[_A1],
-            "push": m.push,
+            "external": m.external,
             "taken": m.taken,
             "equal": self._equal,
         }
@@ -387,22 +389,22 @@ class CompiledStepper:
 
     def save(self) -> dict[str, NDArray[Any]]:
         arrays = {name: np.array(value) for name, value in self._own.items()}
-        arrays |= {f"memory/{name}": value.copy() for name, value in self.memory.items()}
+        arrays |= {f"discrete/{name}": value.copy() for name, value in self.discrete.items()}
         return arrays | {f"port/{name}": piece.numbers() for name, piece in self._ports.items()}
 
     def load(self, arrays: Arrays, rejected: int | None = None) -> None:
-        memory = {name: arrays[f"memory/{name}"] for name in self._memory}
+        discrete = {name: arrays[f"discrete/{name}"] for name in self._discrete}
         if rejected is None:
             self._motion.x[:] = arrays["x"]
             self._ports = {name: Piece.of_numbers(arrays[f"port/{name}"]) for name in self._ports}
-            self._remember(memory)
+            self._remember(discrete)
         else:  # within the steps since `save`, which change discrete states alone that are kept in the data
-            self._memory = {name: np.array(values) for name, values in memory.items()}
+            self._discrete = {name: np.array(values) for name, values in discrete.items()}
             for name, values in self._table.kept.items():
-                values[:] = memory[name]
+                values[:] = discrete[name]
         for name, held in self._own.items():
             held[:] = arrays[name]
-        self._motion.pushed[0] = float(self._motion.push.any())
+        self._motion.has_external[0] = float(self._motion.external.any())
         if rejected is not None:
             self._clock["rejections"] = rejected
 

@@ -44,9 +44,9 @@ def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> Any:
 
     Returns what `add_forces` does: the elastic energy [J] at x, and the power [W] that it reports.
     """
-    n = m.push.size
+    n = m.external.size
     for c in range(n):
-        a[c] = m.push[c]
+        a[c] = m.external[c]
     # Slices cost, and without bodies and states all rows have one length.
     reported = (
         add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
@@ -60,9 +60,9 @@ def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> Any:
 
 def accelerate_without_spin(t: float, x: Any, v: Any, m: Any, a: Any) -> Any:
     """As `accelerate`, without the gyroscopic torque of free rotation."""
-    n = m.push.size
+    n = m.external.size
     for c in range(n):
-        a[c] = m.push[c]
+        a[c] = m.external[c]
     # Slices cost, and without bodies and states all rows have one length.
     reported = (
         add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
@@ -448,7 +448,7 @@ def add_external_work(m: Any) -> None:
     x1 = stages_of(m.work).x1
     given = 0.0
     for c in range(m.c.size):
-        given += m.push[c] * (x1[c] - m.c[c])
+        given += m.external[c] * (x1[c] - m.c[c])
     m.taken[0] -= given
 
 
@@ -578,8 +578,8 @@ def look(t: float, m: Any, looks: Any) -> bool:
         looks.x[looks.of_x[k], row] = m.x[looks.of_x[k]]
     for k in range(looks.of_v.size):
         looks.v[looks.of_v[k], row] = m.v[looks.of_v[k]]
-    for k in range(looks.of_memory.size):
-        looks.reported[row, k] = looks.memory[looks.of_memory[k]]
+    for k in range(looks.of_discrete.size):
+        looks.reported[row, k] = looks.discrete[looks.of_discrete[k]]
     if looks.weights.size > 0:
         for axis in range(3):
             place = 0.0
@@ -716,11 +716,11 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
     s = stages_of(m.work)
     h = (until - start) / number
     watts = 0.0
-    pushed = m.pushed[0] > 0.0
+    has_external = m.has_external[0] > 0.0
     simpson = m.takes == Takes.INTEGRATED or (m.takes == Takes.REPORTED and not verlet)
     if simpson:
         watts = power(start + first * h, m.x, m.v, m.data, s.scratch)
-    in_place = verlet and not (simpson or pushed or FIRST_ORDER)
+    in_place = verlet and not (simpson or has_external or FIRST_ORDER)
     for step in range(first, min(number, first + limit)):
         t = start + step * h
         end = until if step + 1 == number else start + (step + 1) * h  # to the last bit the next step's t
@@ -735,7 +735,7 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
                 held, _ = accelerate(end, s.x1, s.v1, m, s.a1)
             if simpson:
                 watts = work_of_step(t, h, watts, s.a1, m, verlet)
-            if pushed:
+            if has_external:
                 add_external_work(m)
             kinetic = accept(m, seen.half)
         remember(end, m.x, m.v, m.data)
@@ -766,7 +766,7 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     now = clock[0]
     s = stages_of(m.work)
     least = control.least
-    pushed = m.pushed[0] > 0.0
+    has_external = m.has_external[0] > 0.0
     watts = 0.0
     if m.takes != Takes.NOTHING:
         watts = power(now["time"], m.x, m.v, m.data, s.scratch)
@@ -815,12 +815,12 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
         now["tiny"] = now["tiny"] + 1.0 if h <= 4.0 * least and not across else 0.0
         if m.takes != Takes.NOTHING:
             watts = work_of_step(now["time"], h, watts, s.a7, m, False)
-        if pushed:
+        if has_external:
             add_external_work(m)
         kinetic = accept(m, seen.half)
         remember(until if h == rest else now["time"] + h, m.x, m.v, m.data)
         see(now["time"] + h, held, kinetic, m.x, m.v, s.a7, seen)
-        for c in range(m.push.size):
+        for c in range(m.external.size):
             s.a1[c] = s.a7[c]
         now["steps"] += 1
         now["time"] = until if h == rest else now["time"] + h

@@ -21,8 +21,8 @@ from exunet.integrators.compiled.workspace import (
     Motion,
     ObservedRuns,
     ObservedSteps,
-    Run,
     Stages,
+    StepInterval,
     StoredRuns,
     clock_at,
     largest_tensions_of,
@@ -93,7 +93,7 @@ def look(t: float, m: Any, looks: Any) -> bool:
 
 
 def in_lanes(run: Any) -> Any:
-    """A `Run` whose arrays have the runs as their last axis, as one of vectors."""
+    """A `StepInterval` whose arrays have the runs as their last axis, as one of vectors."""
     m, clock, seen, kept, looks = borrowed(run)
     motion = Motion(
         lanes_of(m.x),
@@ -102,8 +102,8 @@ def in_lanes(run: Any) -> Any:
         lanes_of(m.z),
         m.inverse,
         m.inertia,
-        m.push,
-        m.pushed,
+        m.external,
+        m.has_external,
         m.data,
         m.takes,
         lanes_of(m.work),
@@ -113,7 +113,7 @@ def in_lanes(run: Any) -> Any:
     )
     peaks, largest, elements, x, v, elastic, look_above, level, half = seen
     seen_in_lanes = ObservedRuns(peaks, largest, elements, x, v, elastic, look_above, lanes_of(level), half)
-    return Run(motion, clock, seen_in_lanes, kept, looks)
+    return StepInterval(motion, clock, seen_in_lanes, kept, looks)
 
 
 def begin_runs(t: float, verlet: bool, run: Any) -> None:
@@ -140,13 +140,14 @@ LOOP = (begin_runs, runs_through)
 def side_by_side_kernel(system: System, plan: Plan) -> Kernel | None:
     """Build the kernel that advances several runs at once; None if that is not possible.
 
-    It needs equal steps of the compiled loop, points only, no memories or inputs, and forces that can act on
+    It needs equal steps of the compiled loop, points only, no discrete states or inputs, and forces that can
+    act on
     many runs: the elastic elements, and constant matrices and loads. Needs Numba.
     """
     facts = METHODS[plan.method]
     if facts.kind == Kind.ADAPTIVE or not facts.compiled or plan.step is None:
         return None
-    if system.bodies or system.blocks.states or system.memory:
+    if system.bodies or system.blocks.states or system.discrete:
         return None
     if not all(call.of_many for call in _calls(system)):
         return None
@@ -179,7 +180,7 @@ class RunsSideBySide:
         self._seen = _seen_nothing(system, self._motion)
         self._module.begin_runs(states[0].time, self._verlet, self._run_with(0))
 
-    def _run_with(self, rows: int) -> Run:
+    def _run_with(self, rows: int) -> StepInterval:
         """With room for states at so many times."""
         x, v, taken = self._motion.x, self._motion.v, self._motion.taken
         shapes = (WIDTH, rows, len(x)), (WIDTH, rows, len(v))
@@ -189,7 +190,7 @@ class RunsSideBySide:
         of_x, of_v = np.split(self._room[: sum(sizes)], sizes[:1])
         places, speeds = of_x.reshape(shapes[0]), of_v.reshape(shapes[1])
         kept = StoredRuns(np.zeros(rows), places, speeds, np.zeros((WIDTH, rows)), x, v, taken)
-        return Run(self._motion, self._clock, self._seen, kept, no_samples())
+        return StepInterval(self._motion, self._clock, self._seen, kept, no_samples())
 
     def through(self, times: Floats) -> list[States]:
         """From times[0], the states' time, through all times [s]: states of each run.
@@ -200,7 +201,7 @@ class RunsSideBySide:
         self._module.runs_through(self._verlet, np.array(times, dtype=float), self._plan.step, run)
         time, *parts = run.kept[:4]
         rows = zip(*(part[: self._runs] for part in parts), strict=True)
-        return [States(self._system, time, x, v, self._system.memory, taken) for x, v, taken in rows]
+        return [States(self._system, time, x, v, self._system.discrete, taken) for x, v, taken in rows]
 
     def largest_tensions(self, run: int) -> tuple[Largest, ...]:
         """Return the largest tension of each group of elements, of all steps so far."""
@@ -227,10 +228,10 @@ def _motion_of(system: System, states: Sequence[State], kernel: Kernel) -> Motio
         v,
         c=x,
         z=none,
-        inverse=system.layout.inverse_mass(system, states[0].memory),
+        inverse=system.layout.inverse_mass(system, states[0].discrete),
         inertia=np.zeros((0, 3)),
-        push=np.zeros(n),
-        pushed=np.zeros(1),
+        external=np.zeros(n),
+        has_external=np.zeros(1),
         data=kernel.table().rows,
         takes=int(kernel.takes),
         work=work,

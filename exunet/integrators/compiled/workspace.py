@@ -74,8 +74,8 @@ class Motion(NamedTuple):
     z: Floats
     inverse: Floats
     inertia: Floats
-    push: Floats
-    pushed: Floats
+    external: Floats
+    has_external: Floats
     data: Any
     takes: int
     work: Floats
@@ -175,7 +175,7 @@ class ObservedRuns(NamedTuple):
     elements   : the rest of `ObservedSteps`, without its own records; its `highest` is (runs, n_elements)
     x, v       : (n_x, runs), (n_v, runs) the states
     elastic    : (1, runs) elastic energies [J] of a step that is looked at
-    look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
+    look_above : (1, runs) as in the records; level: the same discrete state, as vectors in compiled code
     half       : as in `ObservedSteps`
     """
 
@@ -216,12 +216,12 @@ class StoredRuns(NamedTuple):
     now_taken: Floats
 
 
-class Samples(NamedTuple):
-    """Watched entries of x, v and memories, at every step and not only at those kept.
+class WatchedRows(NamedTuple):
+    """Watched entries of x, v and discrete states, at every step and not only at those kept.
 
     at        : (2,) the next row, and the row at which a stretch of steps ends; 0: nothing is watched
-    of_x, of_v, of_memory : which entries
-    memory    : `ForceTable.changed`
+    of_x, of_v, of_discrete : which entries
+    discrete    : `ForceTable.changed`
     weights   : (n,) of the first points, whose mean place and velocity are watched; none: they are not
     time (k,), x (n_x, k), v (n_v, k) : the rows, of x and v as columns, since few of their entries are
                 watched; others are left as they were
@@ -232,8 +232,8 @@ class Samples(NamedTuple):
     at: NDArray[np.int64]
     of_x: NDArray[np.int64]
     of_v: NDArray[np.int64]
-    of_memory: NDArray[np.int64]
-    memory: Floats
+    of_discrete: NDArray[np.int64]
+    discrete: Floats
     weights: Floats
     time: Floats
     x: Floats
@@ -242,7 +242,7 @@ class Samples(NamedTuple):
     mean: Floats
 
 
-class Run(NamedTuple):
+class StepInterval(NamedTuple):
     """Data of a stretch of steps: state, a record `CLOCK`, observations, room for states, samples.
 
     looks : what is watched of every step
@@ -252,7 +252,7 @@ class Run(NamedTuple):
     clock: NDArray[np.void]
     seen: ObservedSteps | ObservedRuns
     kept: Kept | StoredRuns
-    looks: Samples
+    looks: WatchedRows
 
 
 class EqualSteps(NamedTuple):
@@ -268,7 +268,7 @@ class EqualSteps(NamedTuple):
 def motion_of(system: System, state: State, table: ForceTable) -> Motion:
     """A system in a state; the accelerations are still to be computed."""
     x, v = (np.array(part) for part in system.layout.pack(state.moving))
-    inverse = system.layout.inverse_mass(system, state.memory)
+    inverse = system.layout.inverse_mass(system, state.discrete)
     return motion_at(x, v, inverse, table, system.body_inertia.copy(), system.blocks.centres)
 
 
@@ -285,8 +285,8 @@ def motion_at(
         z=x[first_order],
         inverse=inverse,
         inertia=inertia,
-        push=np.zeros(len(inverse)),
-        pushed=np.zeros(1),
+        external=np.zeros(len(inverse)),
+        has_external=np.zeros(1),
         data=table.rows,
         takes=int(table.takes),
         work=work,
@@ -330,24 +330,24 @@ def largest_tensions_of(records: NDArray[np.void]) -> tuple[Largest, ...]:
     )
 
 
-def no_samples() -> Samples:
+def no_samples() -> WatchedRows:
     """Nothing is watched."""
     none, row = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
     no, at = np.zeros(0), np.zeros(2, dtype=np.int64)
-    return Samples(at, none, none, none, no, no, no, row, row, row, row)
+    return WatchedRows(at, none, none, none, no, no, no, row, row, row, row)
 
 
-def samples_of(watch: Watch | None, system: System, table: ForceTable) -> Samples:
+def samples_of(watch: Watch | None, system: System, table: ForceTable) -> WatchedRows:
     """Room for what is watched of steps."""
     if watch is None:
         return no_samples()
-    of_memory = [table.place_of(name, place) for name, place in watch.reports]
+    of_discrete = [table.place_of(name, place) for name, place in watch.reports]
     rows = max(16, min(_SAMPLES, 2**21 // max(1, system.blocks.n_v)))
     time, x, v = np.zeros(rows), *(np.zeros((n, rows)) for n in (system.blocks.n_x, system.blocks.n_v))
-    reported, mean = np.zeros((rows, len(of_memory))), np.zeros((rows, 6))
-    at, entries = np.zeros(2, dtype=np.int64), np.array(of_memory, dtype=np.int64)
+    reported, mean = np.zeros((rows, len(of_discrete))), np.zeros((rows, 6))
+    at, entries = np.zeros(2, dtype=np.int64), np.array(of_discrete, dtype=np.int64)
     entries_of = at, watch.of_x, watch.of_v, entries
-    return Samples(*entries_of, table.changed, watch.weights, time, x, v, reported, mean)
+    return WatchedRows(*entries_of, table.changed, watch.weights, time, x, v, reported, mean)
 
 
 def empty_states(rows: int, system: System) -> Kept:

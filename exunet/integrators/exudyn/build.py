@@ -16,15 +16,15 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import SomeElements
 from exunet.forces.from_outside import FIXED_NODES, effects_of
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelTerm, Memories
+from exunet.forces.terms import DiscreteStates, KernelTerm
 from exunet.forces.total import Forces
 from exunet.integrators.exudyn.model import Jacobian, Model
 from exunet.kernels.kernel import Kernel, term_kernel
-from exunet.kernels.source import Place
+from exunet.kernels.source import EngineCoordinates
 from exunet.methods.method import METHODS, Kind, MethodFacts, Plan
 from exunet.model.system import State, System
 
-_PUSH = 1e-4  # of the net's size, and of its speed: the step of the differences of kernel terms
+_DIFFERENCE = 1e-4  # of the net's size, and of its speed: the step of the differences of kernel terms
 
 
 class Linearised:
@@ -72,20 +72,20 @@ class Linearised:
             return blocks
         kernel = term_kernel(self._kernels)
         place, speed = x.reshape(-1, 3), v.reshape(-1, 3)
-        steps = (_PUSH * self._size, _PUSH * (float(np.abs(v).max(initial=0.0)) or 1.0))
+        steps = (_DIFFERENCE * self._size, _DIFFERENCE * (float(np.abs(v).max(initial=0.0)) or 1.0))
         row, column = self._pairs.T
         for group in range(int(self._groups.max(initial=-1)) + 1):
             members = self._groups == group
             own = members[column]
             for axis in range(3):
-                for factor, push, moves in ((a, steps[0], 1.0), (b, steps[1], 0.0)):
+                for factor, external, moves in ((a, steps[0], 1.0), (b, steps[1], 0.0)):
                     off = np.zeros((self._n, 3))
-                    off[members, axis] = push
+                    off[members, axis] = external
                     ahead, behind = (
                         kernel.forces(time, place + sign * moves * off, speed + sign * (1.0 - moves) * off)
                         for sign in (1.0, -1.0)
                     )
-                    change = factor * (ahead - behind) / (2.0 * push)
+                    change = factor * (ahead - behind) / (2.0 * external)
                     blocks[own, :, axis] -= change[row[own]]
         return blocks
 
@@ -122,7 +122,7 @@ class AppliedKernel:
     """The forces of a kernel on the points of `model`, on its bodies, and constant ones from outside.
 
     bodies : True if a term of the kernel acts on a rigid body
-    halfway : see `Place`; not where forces depend on first-order states
+    halfway : see `EngineCoordinates`; not where forces depend on first-order states
     kernel, table : what computes them, and on what now
     Where the coordinates stand is only known once the model is assembled, so it is looked up at first use.
     """
@@ -131,7 +131,7 @@ class AppliedKernel:
         self,
         model: Model,
         kernel: Kernel,
-        memory: Mapping[str, Floats],
+        discrete: Mapping[str, Floats],
         system: System,
         *,
         bodies: bool,
@@ -140,17 +140,17 @@ class AppliedKernel:
         self.kernel, self._model, self._bodies = kernel, model, bodies
         self._system, self._blocks = system, (blocks := system.blocks)
         self._halfway = halfway and all(state.gives != 0.0 for state in blocks.states)
-        self.table = kernel.table(memory)
-        self._moving = system.moving(memory)
+        self.table = kernel.table(discrete)
+        self._moving = system.moving(discrete)
         self._forces: Callable[..., None] = kernel.module.engine_forces
         self._rates: Callable[..., None] = kernel.module.engine_rates
-        self._place: Place | None = None
+        self._place: EngineCoordinates | None = None
         self._held: Any = None  # data and place, for the compiled code
-        self._push = np.zeros(blocks.n_force)
+        self._external = np.zeros(blocks.n_force)
 
     @property
     def remembered(self) -> Mapping[str, Floats]:
-        """The memories that compiled code changes itself, by name; not copies."""
+        """The discrete states that compiled code changes itself, by name; not copies."""
         return self.table.kept
 
     def evaluate(self, t: float, q: Floats, q_t: Floats, out: Floats) -> None:
@@ -167,11 +167,11 @@ class AppliedKernel:
             out[: len(free)] *= self._moving[free // 3]
 
     @property
-    def place(self) -> Place:
+    def place(self) -> EngineCoordinates:
         """Where the blocks stand in the coordinates of the model, which is assembled."""
         if self._place is None:
             self._place = place_in(self._model, self._blocks, bodies=self._bodies, halfway=self._halfway)
-            self._place.push[: len(self._push)] = self._push
+            self._place.external[: len(self._external)] = self._external
         return self._place
 
     def _hold(self) -> None:
@@ -202,11 +202,11 @@ class AppliedKernel:
 
         return compute
 
-    def push(self, force: Floats) -> None:
+    def set_external_force(self, force: Floats) -> None:
         """Forces (n_points, 3) [N] from outside, from now on."""
-        self._push[: force.size] = force.ravel()
+        self._external[: force.size] = force.ravel()
         if self._place is not None:
-            self._place.push[: len(self._push)] = self._push
+            self._place.external[: len(self._external)] = self._external
             self._place.asked[0] = np.nan
 
     def accepted(self, t: float, q: Floats, q_t: Floats) -> None:
@@ -215,21 +215,21 @@ class AppliedKernel:
             self._hold()
         self.kernel.module.engine_accepts(t, q, q_t, self._model.coordinates_in_call().y, self._held)
 
-    def remember(self, memory: Mapping[str, Floats]) -> None:
-        """Take all memories as they are now."""
-        self.table = self.kernel.table(memory)
-        self._moving = self._system.moving(memory)
+    def remember(self, discrete: Mapping[str, Floats]) -> None:
+        """Take all discrete states as they are now."""
+        self.table = self.kernel.table(discrete)
+        self._moving = self._system.moving(discrete)
         self._held = None
 
 
-def place_in(model: Model, blocks: Blocks, *, bodies: bool, halfway: bool) -> Place:
+def place_in(model: Model, blocks: Blocks, *, bodies: bool, halfway: bool) -> EngineCoordinates:
     """Where the blocks stand in the coordinates of an assembled model, and work space; bodies: theirs too."""
     free = np.flatnonzero(np.repeat(model.free, 3))
     felt = [state.gives == 0.0 for state in blocks.states for _ in state.initial]
-    x, v, push, force, reference = (np.zeros(max(blocks.n_x, blocks.n_force)) for _ in range(5))
+    x, v, external, force, reference = (np.zeros(max(blocks.n_x, blocks.n_force)) for _ in range(5))
     x[: 3 * blocks.n_points] = model.reference.ravel()
     reference[: len(free)] = x[free]
-    return Place(
+    return EngineCoordinates(
         where=np.stack([model.columns(), free]).astype(Index),
         body=(model.columns_of_bodies() if bodies else np.zeros(0)).astype(Index),
         centre=3 * blocks.n_points,
@@ -241,13 +241,13 @@ def place_in(model: Model, blocks: Blocks, *, bodies: bool, halfway: bool) -> Pl
         halfway=halfway,
         x=x,
         v=v,
-        push=push,
+        external=external,
         force=force,
         reference=reference,
     )
 
 
-def build(system: System, state: State, plan: Plan, *, pushed: bool = False) -> Model:
+def build(system: System, state: State, plan: Plan, *, has_external: bool = False) -> Model:
     """Fill and assemble the engine's model at a state.
 
     Each free point is a mass point, each element that the engine can hold (`_native`) a connector with the
@@ -267,7 +267,7 @@ def build(system: System, state: State, plan: Plan, *, pushed: bool = False) -> 
         else:
             if forces.linear is not None:
                 model.linear_terms(forces.linear.on_velocity, forces.linear.stiffness, forces.linear.load)
-            if forces.kernels or pushed or system.blocks.states:
+            if forces.kernels or has_external or system.blocks.states:
                 _apply(model, system, term_kernel(forces.kernels), state, method)
     model.ballast()
     model.assemble(system.kinematics)
@@ -289,11 +289,11 @@ def _collector_paused() -> Iterator[None]:
             gc.enable()
 
 
-def remember(model: Model, system: System, memory: Memories) -> None:
-    """Let a model's forces take all memories as they are now."""
+def remember(model: Model, system: System, discrete: DiscreteStates) -> None:
+    """Let a model's forces take all discrete states as they are now."""
     if model.applied is not None:
-        model.applied.remember(memory)
-    carrying = system.forces.cable.carrying(memory)
+        model.applied.remember(discrete)
+    carrying = system.forces.cable.carrying(discrete)
     if carrying is not None:
         model.carry(carrying)
 
@@ -340,7 +340,7 @@ def _native(system: System) -> NDArray[np.bool_]:
     the elements whose law is a table.
     """
     ends, kinematics = system.net.element_nodes, system.kinematics
-    if system.blocks.awake is not None:
+    if system.blocks.active is not None:
         return np.zeros(len(ends), dtype=bool)
     native = ~np.isin(ends, kinematics.point).any(axis=1)
     if system.net.law_number is not None:
@@ -365,7 +365,7 @@ def _apply(model: Model, system: System, kernel: Kernel, state: State, method: M
     linearised = Linearised(system.blocks, system.forces) if method.kind == Kind.IMPLICIT else None
     bodies = bool(system.driven.any())
     applied = AppliedKernel(
-        model, kernel, dict(state.memory), system, bodies=bodies, halfway=method.asks_halfway
+        model, kernel, dict(state.discrete), system, bodies=bodies, halfway=method.asks_halfway
     )
     model.applied_forces(applied.evaluate, applied.jacobian(linearised), bodies=bodies)
     if system.blocks.states:

@@ -15,7 +15,7 @@ from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidBody, RigidStates
 from exunet.bodies.rotations import quaternion_of, rotation_vector
 from exunet.integrators.exudyn.engine import compiled_law, exudyn, exudyn_items
-from exunet.model.system import Layout, Memories, Moving
+from exunet.model.system import DiscreteStates, Layout, Moving
 
 
 class Coordinates(NamedTuple):
@@ -44,17 +44,17 @@ class Places(NamedTuple):
     kinematics: Kinematics
     plain: bool
 
-    def unpack(self, now: Coordinates, time: float | Floats, memory: Memories) -> Moving:
-        """Return the moving state of coordinates of the engine at times (...) [s], with these memories."""
-        return self.of_coordinates(now).completed(self.kinematics, time, memory)
+    def unpack(self, now: Coordinates, time: float | Floats, discrete: DiscreteStates) -> Moving:
+        """Return the moving state of coordinates of the engine at times (...) [s], with these discrete states."""
+        return self.of_coordinates(now).completed(self.kinematics, time, discrete)
 
     def flat(
-        self, now: Coordinates, time: float | Floats, memory: Memories, layout: Layout
+        self, now: Coordinates, time: float | Floats, discrete: DiscreteStates, layout: Layout
     ) -> tuple[Floats, Floats]:
         """The same as x and v, see `exunet.forces.blocks`; copies."""
         if self.plain and not now.y.shape[-1]:  # a step at a time, unpacking would take long
             return self.reference.ravel() + now.q, now.v.copy()
-        return layout.pack(self.unpack(now, time, memory))
+        return layout.pack(self.unpack(now, time, discrete))
 
     def of_coordinates(self, now: Coordinates) -> Moving:
         """Return the states of the coordinates; points without stay at rest where they began."""

@@ -9,7 +9,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from exunet.base.arrays import Floats
-from exunet.forces.terms import Memories
+from exunet.forces.terms import DiscreteStates
 from exunet.integrators.exudyn.build import remember
 from exunet.integrators.exudyn.engine import exudyn
 from exunet.integrators.exudyn.model import Model
@@ -77,9 +77,9 @@ class Probe:
         data.SetODE2Coordinates_t(v, current)
         data.SetTime(time, current)
 
-    def remember(self, system: System, memory: Memories) -> None:
-        """Evaluate the forces at these memories of the system from now on; at first at those of the start."""
-        remember(self._model, system, memory)
+    def remember(self, system: System, discrete: DiscreteStates) -> None:
+        """Evaluate the forces at these discrete states of the system from now on; at first at those of the start."""
+        remember(self._model, system, discrete)
 
     def accelerations(self, position: Floats, velocity: Floats, time: float = 0.0) -> Floats:
         """(n, 3) [m/s2], eq. (16), at a time [s]; zero for fixed points."""

@@ -20,7 +20,7 @@ from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
 from exunet.forces.cable_term import Jump, jump_ahead
-from exunet.forces.terms import Change, Memories
+from exunet.forces.terms import Change, DiscreteStates
 from exunet.integrators.compiled.steps import TINY_IN_A_ROW
 from exunet.integrators.events import Events
 from exunet.integrators.exudyn.build import build, remember
@@ -259,25 +259,25 @@ class ExudynStepper:
         self._system, self._plan = system, plan
         self._method = METHODS[plan.method]
         self._adaptive = self._method.kind == Kind.ADAPTIVE
-        self._memory = {name: np.array(values, dtype=float) for name, values in state.memory.items()}
-        memories = (term.memory for term in system.forces.memories)
-        self._keeps = any(memory is not None and memory.kept_in for memory in memories)
+        self._discrete = {name: np.array(values, dtype=float) for name, values in state.discrete.items()}
+        discrete_states = (term.discrete for term in system.forces.discrete_states)
+        self._keeps = any(discrete is not None and discrete.kept_in for discrete in discrete_states)
         self._lets_remember = any(call.remember is not None for call in system.forces.calls)
         self._events = Events(system, self)  # ahead of which adaptive steps end
         self._counts = StepCounts()
         self._newton_before = 0  # in solvers that were started before
-        self._pushed: Floats | None = None
+        self._external: Floats | None = None
         # Equal steps between two times: begin, end, number, steps before; number 0: none to go on with.
         self._equal = np.zeros(4)
         self._open(state)
 
     def _open(self, state: State) -> None:
         """Build the model at a state, and start the engine's solver there."""
-        room = self._pushed is not None
-        self._model = build(self._system, state, self._plan, pushed=room)
-        remember(self._model, self._system, state.memory)
-        if self._pushed is not None:
-            self._model.applied.push(self._pushed)
+        room = self._external is not None
+        self._model = build(self._system, state, self._plan, has_external=room)
+        remember(self._model, self._system, state.discrete)
+        if self._external is not None:
+            self._model.applied.set_external_force(self._external)
         self._settings = settings_for(self._model, self._plan, state.time)
         self._start()
         self._idle_at(state.time)
@@ -312,11 +312,11 @@ class ExudynStepper:
         return self._method.kind != Kind.IMPLICIT  # whose algorithmic accelerations the engine does not give
 
     @property
-    def memory(self) -> dict[str, Floats]:
+    def discrete(self) -> dict[str, Floats]:
         if self._keeps:
             for name, values in self._model.applied.remembered.items():
-                self._memory[name][:] = values
-        return self._memory
+                self._discrete[name][:] = values
+        return self._discrete
 
     @property
     def kept(self) -> dict[str, Floats]:
@@ -324,7 +324,7 @@ class ExudynStepper:
         return {name: values.copy() for name, values in kept.items()}
 
     def flat(self) -> tuple[Floats, Floats]:
-        return self._model.places.flat(self._now, self.time, self.memory, self._system.layout)
+        return self._model.places.flat(self._now, self.time, self.discrete, self._system.layout)
 
     @property
     def _now(self) -> Coordinates:
@@ -431,15 +431,15 @@ class ExudynStepper:
         """The states of the steps of a call."""
         if not self._rows:
             x, v = (np.zeros((0, size)) for size in (self._system.blocks.n_x, self._system.blocks.n_v))
-            return Steps(States(self._system, np.zeros(0), x, v, self._memory))
+            return Steps(States(self._system, np.zeros(0), x, v, self._discrete))
         if len(self._rows) == 1:
             ((time, *parts),) = self._rows
             rows, times = Coordinates(*(part[None] for part in parts)), np.array([time])
         else:
             ends, *stacks = zip(*self._rows, strict=True)
             rows, times = Coordinates(*map(np.array, stacks)), np.array(ends)
-        x, v = self._model.places.flat(rows, times, self.memory, self._system.layout)
-        return Steps(States(self._system, times, x, v, self._memory))
+        x, v = self._model.places.flat(rows, times, self.discrete, self._system.layout)
+        return Steps(States(self._system, times, x, v, self._discrete))
 
     def _shorten(self) -> None:
         """Make the step that is about to be tried end near the next event."""
@@ -455,15 +455,15 @@ class ExudynStepper:
         now = self._model.coordinates()
         # The last stage of the adaptive methods was evaluated at the last step's end.
         after = np.array(self._model.system.systemData.GetODE2Coordinates_tt())
-        position, velocity, *_ = self._model.places.unpack(now, self.time, self._memory)
+        position, velocity, *_ = self._model.places.unpack(now, self.time, self._discrete)
         acceleration = self._model.places.of_coordinates(now._replace(v=after)).velocity
-        law = law_of(self._system.forces, self._memory)
+        law = law_of(self._system.forces, self._discrete)
         state = (position, velocity, acceleration)
         assert self._plan.tolerance is not None
         return jump_ahead(self._system.blocks, law, within, self._plan.tolerance, self.time, state)
 
-    def change(self, change: Change, memory: Memories) -> None:
-        self._remember(memory)
+    def change(self, change: Change, discrete: DiscreteStates) -> None:
+        self._remember(discrete)
         if change.x is not None or change.v is not None:
             x, v = self.flat()
             x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
@@ -475,10 +475,10 @@ class ExudynStepper:
     def _begin_anew(self) -> None:
         self._stale, self._equal[2] = True, 0.0
 
-    def _remember(self, memory: Memories) -> None:
+    def _remember(self, discrete: DiscreteStates) -> None:
         """Let all forces take the discrete states as they are now."""
-        self._memory = {name: np.array(values, dtype=float) for name, values in memory.items()}
-        remember(self._model, self._system, self._memory)
+        self._discrete = {name: np.array(values, dtype=float) for name, values in discrete.items()}
+        remember(self._model, self._system, self._discrete)
 
     def _renew(self) -> None:
         """Start the solver again where it stands, or at the state that an event has made."""
@@ -494,8 +494,8 @@ class ExudynStepper:
         self._newton_before = newton
 
     def state(self) -> State:
-        memory = {name: values.copy() for name, values in self.memory.items()}
-        return State.of(self.time, self._model.places.unpack(self._copied(), self.time, memory), memory)
+        discrete = {name: values.copy() for name, values in self.discrete.items()}
+        return State.of(self.time, self._model.places.unpack(self._copied(), self.time, discrete), discrete)
 
     def view(self) -> State:
         return self.state()
@@ -506,15 +506,15 @@ class ExudynStepper:
     def steered(self, port: str) -> Piece:
         raise InputError(f'bodies.{port}: a port needs engine.backend = "compiled"')
 
-    def push(self, force: Floats) -> None:
-        self._pushed = force.copy()
+    def set_external_force(self, force: Floats) -> None:
+        self._external = force.copy()
         if self._model.applied is None:  # connectors alone: build them again with room for other forces
             self._open(self.state())
-        self._model.applied.push(force)
+        self._model.applied.set_external_force(force)
         self._forces_changed()
 
     def set_inputs(self, inputs: Arrays) -> None:
-        self._remember({**self.memory, **inputs})
+        self._remember({**self.discrete, **inputs})
         self._forces_changed()
 
     def _forces_changed(self) -> None:
@@ -533,32 +533,32 @@ class ExudynStepper:
             "counts": np.array([self._counts.steps, self._counts.rejected]),
             "choice": self._choice.numbers(),
             "equal": self._equal.copy(),
-            **{f"memory/{name}": values.copy() for name, values in self.memory.items()},
-            "pushed": np.zeros((0, 3)) if self._pushed is None else self._pushed.copy(),
+            **{f"discrete/{name}": values.copy() for name, values in self.discrete.items()},
+            "external": np.zeros((0, 3)) if self._external is None else self._external.copy(),
         }
 
     def load(self, arrays: Arrays, rejected: int | None = None) -> None:
         """The solver is started anew: nothing of what it did since then may be left in it."""
         time, engines_time = float(arrays["time"]), float(arrays["choice"][0])
         now = Coordinates(*(np.array(arrays[name]) for name in Coordinates._fields))
-        memory = {name: arrays[f"memory/{name}"] for name in self._memory}
+        discrete = {name: arrays[f"discrete/{name}"] for name in self._discrete}
         steps = int(arrays["counts"][0])
         self._equal[:] = arrays["equal"]
         if rejected is not None:  # of the same solver, whose control goes on
-            self._remember(memory)
+            self._remember(discrete)
             self._choice.accepted(time)
             self._counts = replace(self._counts, steps=steps, rejected=rejected)
             self._idle_at(time)
             self._changed, self._stale = now, True
             return
-        pushed = np.array(arrays["pushed"]) if len(arrays["pushed"]) else None
-        if (pushed is None) != (self._pushed is None):
-            self._pushed = pushed
+        has_external = np.array(arrays["external"]) if len(arrays["external"]) else None
+        if (has_external is None) != (self._external is None):
+            self._external = has_external
             self._open(self.state())
-        if pushed is not None:
-            self._pushed = pushed
-            self._model.applied.push(pushed)
-        self._remember(memory)
+        if has_external is not None:
+            self._external = has_external
+            self._model.applied.set_external_force(has_external)
+        self._remember(discrete)
         self._settings = settings_for(self._model, self._plan, time)
         kinds, data = exudyn().ConfigurationType, self._model.system.systemData
         accelerations = arrays["a"]

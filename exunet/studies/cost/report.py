@@ -15,9 +15,9 @@ from exunet.base.files import replacing
 from exunet.methods.method import Backend
 from exunet.results.metrics import Metric, printed
 from exunet.studies.cost.settings import ACCURATE, INTEGRATION, Setting, Varied, power
-from exunet.studies.cost.study import FEWEST, LEVELS, Row, Status, Study, Verdict
+from exunet.studies.cost.study import FEWEST, LEVELS, CostStudy, Row, Status, Verdict
 from exunet.studies.divisions import PART, Refinement
-from exunet.studies.samples import Comparison
+from exunet.studies.samples import SettingComparison
 
 Rows = list[tuple[str, str]]
 Table = tuple[list[str], list[list[str]]]  # header, lines
@@ -33,12 +33,12 @@ def wall(seconds: float) -> str:
     return f"{float(f'{seconds:.2g}'):g} s"
 
 
-def tables(parts: list[Study]) -> list[Table]:
+def tables(parts: list[CostStudy]) -> list[Table]:
     """Wall times against errors of trajectories, or settings against metrics."""
     return [_wall_times(parts[0]) if parts[0].by_trajectory else _metrics(parts[0])]
 
 
-def _wall_times(study: Study) -> Table:
+def _wall_times(study: CostStudy) -> Table:
     """Wall time of the cheapest setting of each method for each error; what accuracies reach."""
     levels = [level for level in LEVELS if level >= study.uncertainty]
     lines = list[tuple[int, list[float], list[str]]]()
@@ -71,7 +71,7 @@ def _error(error: float) -> str:
     return power(error) if error else "0"
 
 
-def _metrics(study: Study) -> Table:
+def _metrics(study: CostStudy) -> Table:
     """Settings against metrics that vary."""
     shown, finest = varying(study)[:MANY], study.finest
     outcomes = len({name for row in study.rows for name in row.outcomes}) > 1
@@ -104,7 +104,7 @@ def named(quantity: Metric) -> str:
     return f"{quantity.words} [{quantity.unit}]" if quantity.unit else quantity.words
 
 
-def _cell(quantity: Metric, one: Comparison | None) -> str:
+def _cell(quantity: Metric, one: SettingComparison | None) -> str:
     """Median with a mark if its shift matters."""
     if one is None:
         return "–"
@@ -112,12 +112,12 @@ def _cell(quantity: Metric, one: Comparison | None) -> str:
     return f"{printed(one.median, quantity.last_digit(one.median))}{mark}"
 
 
-def _range(quantity: Metric, one: Comparison | None) -> str:
+def _range(quantity: Metric, one: SettingComparison | None) -> str:
     values = [] if one is None else [one.values.min(), one.values.max()]
     return " to ".join(dict.fromkeys(printed(end, quantity.last_digit(end)) for end in values))
 
 
-def varying(study: Study) -> list[Metric]:
+def varying(study: CostStudy) -> list[Metric]:
     """Quantities that differ between runs or settings by more than their printed digits, not round-off."""
     found = []
     for quantity in study.quantities:
@@ -129,7 +129,7 @@ def varying(study: Study) -> list[Metric]:
     return found
 
 
-def rows_of(parts: list[Study], spent: float) -> Rows:
+def rows_of(parts: list[CostStudy], spent: float) -> Rows:
     """Rows (name, text): metrics beyond the horizon, divisions, the recommendation, settings without runs.
 
     spent : wall time of the study, or its budget [s]
@@ -151,7 +151,7 @@ def rows_of(parts: list[Study], spent: float) -> Rows:
     return rows
 
 
-def _limits(study: Study) -> Iterator[tuple[str, str]]:
+def _limits(study: CostStudy) -> Iterator[tuple[str, str]]:
     """Yield what limits errors of trajectories: the converged solution, and a start that is symmetric."""
     solution = study.converged
     assert solution is not None
@@ -163,7 +163,7 @@ def _limits(study: Study) -> Iterator[tuple[str, str]]:
         yield "sensitive", f"errors hold for exactly this start: {words}"
 
 
-def _beyond(study: Study, horizon: float) -> Rows:
+def _beyond(study: CostStudy, horizon: float) -> Rows:
     """From which setting of each method on the medians hold, and the medians of the finest."""
     name, finest, groups = f"after {horizon:.3g} s", study.finest, dict[str, list[Row]]()
     for row in study.rows:
@@ -186,7 +186,7 @@ def _beyond(study: Study, horizon: float) -> Rows:
     return [(name, f"metrics (medians of {runs} runs) hold from {'; '.join(texts)}")]
 
 
-def _divisions(study: Study) -> Iterator[tuple[str, str]]:
+def _divisions(study: CostStudy) -> Iterator[tuple[str, str]]:
     """Yield for each division of the threads the metrics that it moves, and the time it takes."""
     before, about = study.rows[0], {quantity.key: quantity for quantity in varying(study)}
     for row in study.rows:
@@ -206,7 +206,7 @@ def _divisions(study: Study) -> Iterator[tuple[str, str]]:
         before = row
 
 
-def _recommended(study: Study) -> str:
+def _recommended(study: CostStudy) -> str:
     """Options of the cheapest setting that holds or, of trajectories alone, that has the largest error."""
     row, finest = study.recommended, study.finest
     why = "more accuracy moves no metric out of its range"
@@ -225,7 +225,7 @@ def _recommended(study: Study) -> str:
     return f"{options} --backend {row.setting.backend}   {wall(row.wall)} a run: {why}"
 
 
-def in_order(study: Study) -> list[Row]:
+def in_order(study: CostStudy) -> list[Row]:
     """Rows by what they vary and by name, from loose to fine."""
     order, names = list(Varied), list(dict.fromkeys(row.setting.name for row in study.rows))
 
@@ -242,7 +242,7 @@ def _outcomes(row: Row) -> str:
     return ", ".join(f"{name} {number}" for name, number in row.outcomes.items())
 
 
-def write_csv(parts: list[Study], path: Path) -> None:
+def write_csv(parts: list[CostStudy], path: Path) -> None:
     """Write a line for each setting of each part; cells are empty where nothing was measured."""
     lines = list[dict[str, object]]()
     for study in parts:

@@ -38,7 +38,7 @@ from exunet.studies.cost.settings import (
     settings_of_trajectory,
 )
 from exunet.studies.ensemble import FEW_RUNS, RUNS, SMALL_MOVE, perturbation_for_medians
-from exunet.studies.samples import CHANCE, Comparison, compare, rank_test
+from exunet.studies.samples import CHANCE, SettingComparison, compare, rank_test
 
 LEVELS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # errors whose wall times are reported
 INSTANTS = 100  # stored times at which solutions are compared to find the horizon
@@ -236,7 +236,7 @@ class Row:
     seconds: list[float] = field(default_factory=list)
     error: float = math.nan
     samples: list[Sample] = field(default_factory=list)
-    comparisons: dict[str, Comparison] = field(default_factory=dict)
+    comparisons: dict[str, SettingComparison] = field(default_factory=dict)
     same_outcome: bool = True
     expected: float = 0.0
 
@@ -273,7 +273,7 @@ class Row:
 
 
 @dataclass
-class Study:
+class CostStudy:
     """One part of the cost study of a scene: its trajectories, or its distributions.
 
     rows         : settings
@@ -366,7 +366,7 @@ class Study:
 
 def studies_of(
     case: Case, until: float | None = None, runs: int | None = None, left: TimeLeft = lambda: math.inf
-) -> tuple[list[Study], tuple[str, ...]]:
+) -> tuple[list[CostStudy], tuple[str, ...]]:
     """Prepare the parts of the study of a case, and notes; compute the converged solution of a deployment.
 
     until : end of the runs [s]; None: that of the case
@@ -375,7 +375,7 @@ def studies_of(
     the converged solution stops.
     """
     end, costs = case.scene.time.end if until is None else until, Costs()
-    parts, notes = list[Study](), tuple[str, ...]()
+    parts, notes = list[CostStudy](), tuple[str, ...]()
     if not is_capture(case):
         subject = Subject.of(case, (0.0, end))
         try:
@@ -394,7 +394,7 @@ def studies_of(
                     if times.max() >= converged.end:  # ran for the converged solution
                         row.seconds = [float(np.interp(converged.end, times[:-1], walls[:-1]))]
                         row.status, row.error = Status.RAN, converged.uncertainty
-                parts.append(Study(subject, rows, converged, costs=costs))
+                parts.append(CostStudy(subject, rows, converged, costs=costs))
             if converged.end >= end:
                 return parts, notes
         except BudgetSpent as spent:
@@ -408,11 +408,11 @@ def studies_of(
         raise InputError("script: a cost study requires runs of the same end: remove the entries that stop")
     rows = [Row(setting) for setting in settings_of_distribution(case)]
     perturbation = perturbation_for_medians(subject.prepare(rows[0].setting))
-    parts.append(Study(subject, rows, None, runs or RUNS, perturbation, costs=costs))
+    parts.append(CostStudy(subject, rows, None, runs or RUNS, perturbation, costs=costs))
     return parts, notes
 
 
-def run_studies(parts: list[Study], left: TimeLeft, say: Say) -> bool:
+def run_studies(parts: list[CostStudy], left: TimeLeft, say: Say) -> bool:
     """Run settings, the cheapest first, until none fits into the wall time left; False: interrupted."""
     complete = True
     try:
@@ -426,7 +426,7 @@ def run_studies(parts: list[Study], left: TimeLeft, say: Say) -> bool:
     return complete
 
 
-def run_study(study: Study, left: TimeLeft, say: Say) -> None:
+def run_study(study: CostStudy, left: TimeLeft, say: Say) -> None:
     """Run settings, the cheapest first, as long as one fits.
 
     A setting runs from the start as it is, timed, and, where distributions are compared, from FEW_RUNS
@@ -465,7 +465,7 @@ def run_study(study: Study, left: TimeLeft, say: Say) -> None:
             break  # more runs of the others alone decide nothing
 
 
-def _run_once(study: Study, row: Row, left: TimeLeft, say: Say) -> None:
+def _run_once(study: CostStudy, row: Row, left: TimeLeft, say: Say) -> None:
     """Run the start as it is, timed with few stored times; repeat a short run, as its times are noise."""
     subject, setting = study.subject, row.setting
     if not subject.times and setting.varied != Varied.BACKEND:  # whose single run has the metrics
@@ -489,7 +489,7 @@ def _run_once(study: Study, row: Row, left: TimeLeft, say: Say) -> None:
         row.seconds.append(run(subject, setting).seconds)
 
 
-def _run_perturbed(study: Study, row: Row, goal: int, left: TimeLeft, say: Say) -> None:
+def _run_perturbed(study: CostStudy, row: Row, goal: int, left: TimeLeft, say: Say) -> None:
     """Run perturbed starts up to a number, in portions of a second, so that Ctrl-C loses little."""
     if row.status != Status.RAN or row.setting.varied == Varied.BACKEND or len(row.samples) >= goal:
         return
@@ -517,7 +517,7 @@ def _ended(row: Row, error: Exception) -> None:
         row.reason = "; ".join(dict.fromkeys(fault.reason for fault in error.faults))
 
 
-def compare_distributions(study: Study) -> None:
+def compare_distributions(study: CostStudy) -> None:
     """Compare all rows with the finest, or only collect their values if there is no finest."""
     subject, finest = study.subject, study.finest
     samples = [sample for row in study.rows for sample in row.distribution]

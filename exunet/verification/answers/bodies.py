@@ -150,7 +150,7 @@ def exchanges(case: BothCodes) -> Iterator[Check]:
     Of a body that is led through poses, with what it gives; its impulse is integrated, as the motion is, but
     the momentum of the nodes on the drum is that of the poses.
     """
-    linear = tol.MOMENTUM if case.start.system.moves_freely.all() else tol.GUIDED
+    linear = tol.MOMENTUM if case.start.system.moves_freely.all() else tol.PRESCRIBED
     times = case.start.scene.time.stored_times
     for code, motion in best(case, times, booked=True):
         held = motion.reels.held[:, 0]

@@ -198,8 +198,8 @@ def test_light_and_thrust_on_a_fixed_body_change_nothing_else(document, scene, u
     case = document("radial", cable={"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e7})
     case["net"]["strings"] = {**case["net"]["strings"], "youngs_modulus": 1e7}
     hook = {"attachments": {"k": {"point": [0.3, 0.3, 0], "bullet": 1}}}
-    guided = {**BODY, **hook, "motion": "prescribed", "velocity": [2.0, 0.5, 0]}
-    case |= {"bodies": {"tug": guided}, "effects": {"solar_pressure": light, "thrust": thrust}}
+    prescribed = {**BODY, **hook, "motion": "prescribed", "velocity": [2.0, 0.5, 0]}
+    case |= {"bodies": {"tug": prescribed}, "effects": {"solar_pressure": light, "thrust": thrust}}
     made = scene(case)
     run = made.integrate([0.0, 0.1, 0.3])
     assert unbalanced(made, run) < 1e-8
