@@ -33,7 +33,7 @@ Indexes = NDArray[Index]
 
 
 class Prescribed(NamedTuple):
-    """Bodies whose motion is prescribed, as in `exunet.bodies.port.PrescribedMotion`; all pieces of all bodies in one list.
+    """Bodies whose motion is prescribed, as in `PrescribedMotion`; all pieces of all bodies in one list.
 
     first    : (n + 1,) where the pieces of each body begin in the list
     time, position, attitude, turning : (m,), (m, 4, 3), (m, 4), (m, 4, 3) of the pieces
@@ -90,7 +90,7 @@ class HeldMasses(NamedTuple):
 
 
 class OnPrescribed(NamedTuple):
-    """Masses that bodies which prescribed motions move hold for a while.
+    """Masses that bodies with a prescribed motion hold for a while.
 
     first, time, position, turning, offset, centre, quaternion, spin : of these bodies, as in `Prescribed`
     mass   : (n,) of what each holds [kg]
@@ -112,7 +112,7 @@ class OnPrescribed(NamedTuple):
 
 
 def piece_of_motion(t: float, prescribed: Any, b: int) -> Any:
-    """The number of the piece of a body's prescribed motion at time t [s], and the time since its beginning [s]."""
+    """Return the number of the piece of a body's motion at time t [s], and the time since it began [s]."""
     piece = prescribed.first[b]
     while piece + 1 < prescribed.first[b + 1] and t >= prescribed.time[piece + 1]:
         piece += 1
@@ -374,7 +374,7 @@ class Kinematics:
     """The constraints of a system.
 
     n_free : number of free bodies, which come before the others
-    prescribed motions : of the bodies whose motion is prescribed, in their order
+    motions : prescribed ones of bodies, in their order
     ports  : numbers of those among them whose prescribed motion a host gives piece by piece as the run goes;
              what is here is their motion at the start
     point  : (n,) points that are fixed to bodies
@@ -412,7 +412,7 @@ class Kinematics:
 
     @cached_property
     def knots(self) -> tuple[float, ...]:
-        """Instants [s] at which prescribed motions go from one piece to the next, where their motion is less smooth."""
+        """Instants [s] at which prescribed motions go to their next piece, where they are less smooth."""
         within = (motion.time[1:].tolist() for motion in self.motions)
         return tuple(sorted({time for times in within for time in times}))
 
@@ -437,7 +437,7 @@ class Kinematics:
     ) -> tuple[Floats, Floats, RigidStates]:
         """States at times (...) [s] with what has no equations of motion put in; copies.
 
-        position, velocity : (..., n_points, 3); bodies : the free ones, or all; discrete state : of all the
+        position, velocity : (..., n_points, 3); bodies : the free ones, or all; discrete : of all the
                              states
         """
         if not self:
@@ -559,7 +559,7 @@ def _on_prescribed(kinematics: Kinematics, blocks: Blocks, discrete: DiscreteSta
 
 
 def _pieces(motions: Sequence[PrescribedMotion]) -> dict[str, Any]:
-    """Concatenate the pieces of prescribed motions, by the field names that `Prescribed` and `OnPrescribed` share."""
+    """Concatenate the pieces of motions, by the field names that `Prescribed` and `OnPrescribed` share."""
     return {
         "first": np.cumsum([0, *(len(motion.time) for motion in motions)]),
         "time": np.concatenate([motion.time for motion in motions]),

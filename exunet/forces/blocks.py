@@ -111,8 +111,8 @@ class Blocks:
     body     : name of a point mass -> its point
     rigid    : names of the rigid bodies, in their order
     states   : the first-order states, in their order
-    active    : (n_points,) at the start, 1.0 for points that are active and 0.0 for those that sleep: these
-               rest, whatever pulls them, until an event wakes them. None: none ever sleeps
+    active    : (n_points,) at the start, 1.0 for points that are active and 0.0 for inactive ones: these
+               rest, whatever pulls them, until an event activates them. None: all are active
     inertia  : of the rigid bodies
     poses    : of the rigid bodies, and of the net's axes
     surfaces : of the rigid bodies that can be touched, by name

@@ -53,12 +53,12 @@ class Thruster:
     turn: Floats
     in_body: bool
 
-    def data(self, blocks: Blocks, times: Floats, loads: Floats, discrete: Floats) -> ThrustTable:
+    def data(self, blocks: Blocks, times: Floats, loads: Floats, discrete: Floats) -> BodyThrustTable:
         """Return the data of the loop; loads (m, 6) of forces [N] and torques [N m] at times (m,) [s]."""
         where = blocks.centre(self.body), blocks.attitude(self.body), blocks.spin(self.body)
         turned = (loads.reshape(-1, 2, 3) @ self.turn.T).reshape(-1, 6)
         rate, passed = rate_of_impulse(source(self.body), blocks), discrete[[PASSED]].astype(np.int64)
-        return ThrustTable(*where, self.arm, times, turned, passed, float(self.in_body), rate)
+        return BodyThrustTable(*where, self.arm, times, turned, passed, float(self.in_body), rate)
 
     def term(self, blocks: Blocks, times: Floats, loads: Floats) -> KernelTerm:
         """Return the thrust of a table; see `data`."""
@@ -69,7 +69,7 @@ class Thruster:
     def scripted(self, blocks: Blocks) -> KernelTerm:
         """Return the thrust that entries of a script set; zero until then."""
 
-        def data(discrete: Floats) -> ThrustTable:
+        def data(discrete: Floats) -> BodyThrustTable:
             return self.data(blocks, _burn(discrete), np.tile(discrete[_BURN + 1 :], (2, 1)), discrete)
 
         return self._term(DiscreteState(discrete_name(self.body), np.zeros(_BURN + 7), data), Burn(()))
@@ -111,7 +111,7 @@ class Burn(Knots):
         return 2.0 if over else float(discrete[PASSED])
 
 
-class ThrustTable(NamedTuple):
+class BodyThrustTable(NamedTuple):
     """Force and torque on a body over time.
 
     centre, attitude, spin : where the entries of the body begin

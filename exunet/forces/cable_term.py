@@ -132,7 +132,7 @@ class CableTerm:
         return *own, *limits
 
     def data_at(self, discrete: DiscreteStates) -> tuple[Any, ...]:
-        """The elements, without those between points that sleep; then, of intact ones, when they break."""
+        """The elements, without those between inactive points; then, of intact ones, when they break."""
         own = self.elements(discrete, self.moving(discrete))
         if self.switch is None:
             return own
@@ -162,7 +162,7 @@ class CableTerm:
         return loops.ViscousElements(*data, 2.0 * time[kept], np.zeros(len(data.factor)), np.zeros(2))
 
     def moving(self, discrete: DiscreteStates) -> NDArray[np.bool_] | None:
-        """(n_elements,) False for elements whose ends both sleep; None: nothing ever sleeps."""
+        """(n_elements,) False for elements with two inactive ends; None: all are active."""
         active = discrete.get(ACTIVE)
         return None if active is None else np.asarray(active[self.net.element_nodes].any(axis=1))
 
@@ -176,7 +176,7 @@ class CableTerm:
         return DiscreteState(INTACT, intact)
 
     def carrying(self, discrete: DiscreteStates) -> Floats | None:
-        """(n_elements,) part of its stiffness with which each carries at these discrete states; None: all of it."""
+        """(n_elements,) part of the stiffness with which each carries at these discrete states; None: all."""
         intact = discrete.get(INTACT)
         if not self.leaves_some:
             return intact
@@ -195,7 +195,7 @@ class CableTerm:
     def seen_elsewhere(
         self, discrete: DiscreteStates, x: Floats, v: Floats
     ) -> Iterator[tuple[Any, Floats, Floats]]:
-        """The elements that other terms have, and their strain and tension [N] in k states of one discrete state."""
+        """Elements of other terms, their strain and tension [N] in k states with equal discrete states."""
         for winding in self.reels:
             yield winding.outlets(discrete, x, v)
         if self.shortening is not None:

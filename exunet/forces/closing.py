@@ -605,7 +605,7 @@ class Drawstring:
 
     @property
     def at_start(self) -> Floats:
-        """The discrete state at time 0: line in the pieces by their ways, so that its tension is the same in all."""
+        """The discrete state at time 0: line in the pieces by their ways, so that all have one tension."""
         line = self.line
         way = way_of(line, self.blocks.position)
         stretch = float(way.sum()) / (self.ratio * line.length_at_start)

@@ -73,7 +73,7 @@ class Shortening:
         return one.at, one.at + (1.0 - one.part) / one.rate
 
     def data(self, discrete: Floats) -> PerimeterElements:
-        """Build the data for the loops; discrete state : (1,) number of the instants that have passed."""
+        """Build the data for the loops; discrete : (1,) number of the instants that have passed."""
         own, time = list(self.elements), self.law.relaxation_time
         first, second = (3 * self.blocks.net.element_nodes[own].T).astype(Index)
         return PerimeterElements(
@@ -90,7 +90,7 @@ class Shortening:
     def seen(self, discrete: DiscreteStates, x: Floats, v: Floats) -> tuple[Ints, Floats, Floats]:
         """The elements, and their Green-Lagrange strain and tension [N], (k, m) each, in k states.
 
-        x (k, n_x), v (k, n_v) with one discrete state. The same as `threads_pull`, for arrays.
+        x (k, n_x), v (k, n_v) with equal discrete states. The same as `threads_pull`, for arrays.
         """
         data = self.data(discrete.get(_STATE_NAME, np.zeros(1)))
         ends = (

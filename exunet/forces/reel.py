@@ -176,7 +176,7 @@ NOTHING_ASKED = np.zeros(4)
 
 
 def discrete_name(reel: ReeledTether) -> str:
-    """Return the name of the discrete state: number of nodes on the drum, number of commands that have come."""
+    """Return the name of its discrete state: number of nodes on the drum, number of commands so far."""
     return f"{reel.name}/reel"
 
 
@@ -203,7 +203,7 @@ def at_start(reel: ReeledTether) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Winding:
-    """A reel in a scene: the data of its outlet at a discrete state, and which elements the cable term leaves to it.
+    """A reel in a scene: data of its outlet at a discrete state, and elements that the cable term leaves out.
 
     law : of all elements
     """
@@ -213,7 +213,7 @@ class Winding:
     law: AxialLaw
 
     def outlet(self, discrete: Floats) -> Outlet:
-        """Build the data for the loops; discrete state: of the reel, followed by the commands of a script, if any."""
+        """Build the data for the loops; discrete: of the reel, then the commands of a script, if any."""
         reel, blocks, on_drum = self.reel, self.blocks, int(discrete[ON_DRUM])
         element, drive = reel.elements[on_drum], reel.drives[int(discrete[COMMANDED])]
         part, natural = reel.element_length, float(self.law.natural_length[element])
@@ -275,7 +275,7 @@ class Winding:
     def outlets(self, discrete: DiscreteStates, x: Floats, v: Floats) -> tuple[int, Floats, Floats]:
         """The outlet's element, and its Green-Lagrange strain and tension [N], (k,) each, in k states.
 
-        x (k, n_x), v (k, n_v) with one discrete state. The same as `pulls`, for arrays.
+        x (k, n_x), v (k, n_v) with equal discrete states. The same as `pulls`, for arrays.
         """
         element, outlet = self.outlet_now(discrete)
         drum, far = int(outlet.drum[0]), int(outlet.far[0])

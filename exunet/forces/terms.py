@@ -181,7 +181,7 @@ def with_field(data: Any, path: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Series:
-    """Numbers of a memory that results have over the stored times.
+    """Numbers of a discrete state that results have over the stored times.
 
     key   : "term/quantity", or the key of a contact, by which results know it
     units : "1" if it has none
@@ -251,11 +251,11 @@ class Switch:
         return ()
 
     def in_steps(self, discrete: Floats) -> bool:
-        """True if it may cross at other instants too with such a discrete state: `KernelCall.event` has to say so."""
+        """True if it may cross at other instants too with such a state: `KernelCall.event` reports it."""
         return False
 
     def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
-        """Which items of the discrete state have crossed their event function at the end of an accepted step."""
+        """Return the items that have crossed their event function at the end of an accepted step."""
         raise NotImplementedError
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, discrete: Floats) -> float:
@@ -265,7 +265,7 @@ class Switch:
     def change(
         self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
-        """Return the changes of discrete state and state by the crossing of `items`; every : all discrete states now."""
+        """Return the changes by the crossing of `items`; every : all discrete states now."""
         raise NotImplementedError
 
 
@@ -308,7 +308,7 @@ class Watch(Switch):
 
 
 class Seen(NamedTuple):
-    """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), what a switch gets of discrete states.
+    """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), and what a switch reads.
 
     discrete : at the last of them
     reported : (k, n) numbers of `Watch.reports`
@@ -334,12 +334,12 @@ class Change:
     events      : record of each item
     x, v        : the new state of all blocks, None: as it was
     active       : (n_points,) which points are active from now on (see `Blocks.active`), None: as before;
-                  those that go to sleep come to rest
+                  those that become inactive come to rest
     more        : True if the switch is to be asked at once whether something else is due at this instant
     others      : new values of discrete states and inputs of other terms, by name
     stops       : True if the run ends here
-    quiet       : True if only forces are others from now on, by a memory that is kept in the data, and their
-                  work is kept by states: those from before and after may be looked at together
+    quiet       : True if only forces are others from now on, by a discrete state that is kept in the data,
+                  and their work is kept by states: those from before and after may be looked at together
     """
 
     discrete: Floats
@@ -367,7 +367,7 @@ class Term(Protocol):
         """Its calls in a compiled kernel."""
 
     def data_at(self, discrete: DiscreteStates) -> tuple[tuple[Any, ...], ...]:
-        """The data of its calls with these discrete states and inputs in force; absent ones are as at the start."""
+        """The data of its calls with these discrete states and inputs; absent ones are as at the start."""
 
     @property
     def discrete(self) -> DiscreteState | None: ...

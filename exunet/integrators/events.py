@@ -1,4 +1,4 @@
-"""The events of a run: switching functions looked at when a step is accepted, discrete states that they change."""
+"""The events of a run: switching functions, evaluated at accepted steps, and changes of discrete states."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Events:
         return self._stepper.discrete
 
     def _seen(self, name: str) -> Floats:
-        """The discrete state of a term, followed by the inputs, or other discrete states, that its switch sees, and by the
+        """The discrete state of a term, followed by what its switch sees of inputs and states, and by the
         numbers that it observes.
         """
         discrete = self.discrete
@@ -122,11 +122,13 @@ class Events:
         return kept
 
     def _at_rest(self, change: Change, v: Floats) -> Change:
-        """Set the velocities of the points that go to sleep to zero."""
+        """Set the velocities of the points that become inactive to zero."""
         if change.active is None:
             return change
         if ACTIVE not in self.discrete:
-            raise ValueError("an event wakes points of a system in which none sleeps: give Blocks.awake")
+            raise ValueError(
+                "an event activates points of a system in which all are active: give Blocks.active"
+            )
         speed = (v if change.v is None else change.v).copy()
         speed[: 3 * len(change.active)] *= np.repeat(change.active, 3)
         return replace(change, v=speed)
@@ -141,16 +143,14 @@ class Events:
         lost = before - total(self._system, time, *after, discrete | discrete_states_of(name, change))
         first = self._system.blocks.n_x - self._system.blocks.n_states
         given = float(self._system.given_work(after[0][first:] - x[first:]))
-        own = (
-            lost + given
-        )  # what a prescribed motion gives with the event is in the prescribed motion's books
+        own = lost + given  # what a prescribed body gives with the event is in its own balance
         change = replace(change, energy_lost=own, work_given=given)
         if len(change.events) != 1:
             return change
         return replace(change, events=(replace(change.events[0], energy_lost_J=own),))
 
     def next_instant(self, after: float, until: float) -> float:
-        """The first known instant of an event later than `after`, or of a knot of a prescribed motion, or `until` [s]."""
+        """The first known instant [s] of an event or of a knot of a motion after `after`, or `until`."""
         every: Iterable[float] = self._system.kinematics.knots
         if self.any:
             times = (time for _, switch in self._switches for time in switch.times)

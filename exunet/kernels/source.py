@@ -204,7 +204,7 @@ class EngineCoordinates(NamedTuple):
     halfway : forces that were evaluated at a step's end, with the velocity of the half step, are those of the
              end; see `MethodFacts.asks_halfway`
     x, v   : of all blocks, fixed nodes and first-order states too
-    push   : forces from outside [N]
+    external : external forces [N]
     force  : all forces, and the rates of first-order states
     reference : positions [m] of the free coordinates
     The last five are equally long; each has its numbers at the beginning.
@@ -251,7 +251,7 @@ def engine_forces(t: float, q: Any, q_t: Any, y: Any, held: Any, out: Any) -> No
 
 
 def engine_rates(t: float, q: Any, q_t: Any, y: Any, held: Any) -> None:
-    """As `engine_forces`, for the rates of the first-order states, which stand in `EngineCoordinates.force` then."""
+    """As `engine_forces`, for the rates of the first-order states, which then stand in its field `force`."""
     data, at = borrowed(held.value)
     if not (at.halfway and is_current_position(t, q, at)):
         ask(t, q, q_t, y, data, at)

@@ -476,7 +476,7 @@ def explicit_only(system: System) -> list[str]:
     own = {state.name for name in prescribed for state in given_states(name)}
     others = (state.name for state in system.blocks.states if state.name not in own)
     words += [f"a force that has first-order states ({name})" for name in others]
-    words += ["points that sleep"] * (system.blocks.active is not None)
+    words += ["inactive points"] * (system.blocks.active is not None)
     return words + [f"a body that is fixed or prescribed ({name})" for name in prescribed]
 
 
@@ -489,7 +489,7 @@ def method_faults(system: System, start: State, plan: Plan) -> list[Fault]:
         faults = [Fault("solver.method", f"{method} does not support {part}: {advice}") for part in words]
     active = start.discrete.get(ACTIVE)
     if active is not None and start.velocity[active == 0.0].any():
-        faults.append(Fault("initial", "a point that sleeps must be at rest"))
+        faults.append(Fault("initial", "an inactive point must be at rest"))
     return faults
 
 

@@ -117,7 +117,7 @@ class System:
         return free
 
     def moving(self, discrete: DiscreteStates) -> Floats | None:
-        """Return (n_points,) 0.0 for points that sleep or are held by bodies, else 1.0; None if all move."""
+        """Return (n_points,) 0.0 for points that are inactive or held by bodies, else 1.0; None: all move."""
         active = discrete.get(ACTIVE)
         if not self.kinematics.held:
             return active

@@ -55,7 +55,7 @@ def free_parts(system: System) -> FreeParts:
     i, j = np.concatenate([net.element_nodes.T, np.stack([path[:-1], path[1:]])], axis=1)
     links = scipy.sparse.csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
     part = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
-    # Points that sleep hold their part too, and prescribed bodies stop what touches them.
+    # Inactive points hold their part too, and prescribed bodies stop what touches them.
     free_bodies = system.blocks.free_bodies
     stopped = any(name not in free_bodies for name in system.blocks.surfaces)
     held = part if stopped or system.blocks.active is not None else part[system.held]

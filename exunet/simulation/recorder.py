@@ -137,7 +137,7 @@ def series_of(system: System) -> tuple[tuple[str, Series], ...]:
 
 
 class _Waiting(NamedTuple):
-    """Marked states that are not appended yet; intervals, discrete states : those of `Observed`, of each."""
+    """Marked states that are not appended yet; intervals, discrete_states : those of `Observed`, of each."""
 
     states: States
     dissipated: Floats

@@ -103,7 +103,7 @@ THROWN_BACK = Tolerance(0.0, "they have met the end of the tether, and come clos
 MOMENTUM = Tolerance(1e-12, "of the sum of the nodes' shares: linear invariants are kept to round-off")
 PRESCRIBED = Tolerance(
     1e-8,
-    "of the sum of the nodes' shares: what a guided body gives is kept by the accuracy of the integration",
+    "of the sum of the nodes' shares: what a prescribed body gives has the accuracy of the integration",
 )
 ANGULAR = Tolerance(1e-8, "of the sum of the nodes' shares: kept by the accuracy of the integration only")
 ENERGY = Tolerance(

@@ -66,7 +66,7 @@ class Scene(Placed):
         self.v[self.blocks.spin(name) :][:3] = spin
 
     def pressed(self, *discrete_states: Any) -> Pressed:
-        """At this state; discrete states : data of the terms, where what happened before counts."""
+        """At this state; discrete_states : data of the terms, where what happened before counts."""
         force, depth = np.zeros(self.blocks.n_force), 0.0
         for k, (term, fresh) in enumerate(self.terms()):
             data = discrete_states[k] if discrete_states else copied(fresh)

@@ -1,4 +1,4 @@
-"""Friction with discrete state of threads and balls on a moving body, bounds, starts inside: by hand, interpreted.
+"""Sticking friction of threads and balls on a moving body, bounds, starts inside: by hand, interpreted.
 
 All states are at random positions, attitudes and velocities, so that every term of a force counts.
 """

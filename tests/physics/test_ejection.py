@@ -119,7 +119,7 @@ def test_a_throw_leaves_the_inner_nodes_of_a_tether_as_they_are(more: tuple[str,
 
 
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
-def test_a_guided_body_takes_the_launch_without_moving(motion: str) -> None:
+def test_a_prescribed_body_takes_the_launch_without_moving(motion: str) -> None:
     body = f"bodies.chaser={{mass=200.0, inertia=[40, 60, 80], motion='{motion}'}}"
     begin = carried(body, "launch={radial_speed=2.5, axial_speed=1.0}")
     assert not begin.state.bodies.velocity.any()
@@ -228,7 +228,7 @@ def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(motion: str, tied:
 @every_backend
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
 def test_a_support_takes_the_reaction_of_an_ejection(backend: str, motion: str) -> None:
-    """What a support or a prescribed motion gives is the change of the momenta; the ejection puts energy in."""
+    """What a support or a prescribed body gives is the change of the momenta; the ejection adds energy."""
     keys = f"{{mass=80.0, inertia=[1.0, 1.0, 1.0], motion='{motion}'{POSES * (motion != 'fixed')}}}"
     short = SHORT[:2]
     found = exunet.run(exunet.load(LAUNCH, [*short, LATER, FREE, BACKENDS[backend], f"bodies.chaser={keys}"]))

@@ -1,4 +1,4 @@
-"""Events that change the state, sleeping points, inputs and first-order states, by terms of the tests."""
+"""Events that change the state, inactive points, inputs and first-order states, by terms of the tests."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_heights_times_and_energy_are_known(backend: str, method: str, tmp_path:
     assert np.abs(total - total[0]).max() < 1e-12
 
 
-RELEASE = (0.05, 0.1, 0.15)  # s: nodes 2, 3, 4 wake; 5 sleeps on
+RELEASE = (0.05, 0.1, 0.15)  # s: nodes 2, 3, 4 become active; 5 does not
 END, STEP = 0.2, 0.01
 # Six nodes along x, 0.1 m apart; the threads between them are stretched by a tenth, so that each pulls
 # at once. The first, heavier, flies off.
@@ -180,7 +180,7 @@ def solver(method: str) -> str:
     return "solver.tolerance=1e-10" if method == "DOPRI5" else f"solver={{method='{method}', step=2e-4}}"
 
 
-def sleeping(folder: Path, backend: str, method: str) -> Start:
+def with_inactive_points(folder: Path, backend: str, method: str) -> Start:
     def terms(blocks: Blocks) -> Sequence[KernelTerm]:
         discrete = DiscreteState("hold/released", np.zeros(1), Count)
         return (KernelTerm("nodes", add_no_force, Count(np.zeros(1)), discrete=discrete, switch=Release()),)
@@ -210,7 +210,7 @@ def held_by_fixed_nodes(folder: Path, backend: str, method: str) -> tuple[Floats
 @pytest.mark.parametrize("method", ["DOPRI5", "RK44", "VelocityVerlet"])
 @every_backend
 def test_a_chain_is_released_as_by_fixed_nodes(backend: str, method: str, tmp_path: Path) -> None:
-    result = simulate(sleeping(tmp_path, backend, method))
+    result = simulate(with_inactive_points(tmp_path, backend, method))
     places, speeds = held_by_fixed_nodes(tmp_path, backend, method)
     allowed = 1e-7 if method == "DOPRI5" else 1e-9  # steps of DOPRI5 are chosen anew after each release
     assert np.abs(result.position - places).max() < allowed
@@ -234,7 +234,7 @@ def test_a_chain_is_released_as_by_fixed_nodes(backend: str, method: str, tmp_pa
 @every_backend
 @pytest.mark.parametrize("cut", [0.04, 0.1])
 def test_a_snapshot_continues_to_the_bit(backend: str, cut: float, tmp_path: Path) -> None:
-    one, other = (exunet.Simulation(sleeping(tmp_path, backend, "DOPRI5")) for _ in range(2))
+    one, other = (exunet.Simulation(with_inactive_points(tmp_path, backend, "DOPRI5")) for _ in range(2))
     one.advance_to(cut)
     continue_alike(one, other, 0.18, tmp_path)
     one.reset()
@@ -245,7 +245,7 @@ def test_a_snapshot_continues_to_the_bit(backend: str, cut: float, tmp_path: Pat
 @every_backend
 def test_a_retry_begins_beyond_the_event(backend: str, tmp_path: Path) -> None:
     """From a state at the time of an event."""
-    sim = exunet.Simulation(sleeping(tmp_path, backend, "RK44"))
+    sim = exunet.Simulation(with_inactive_points(tmp_path, backend, "RK44"))
     sim.advance_to(RELEASE[0])
     assert sim.energy.total > 0.0  # the guards have looked
     assert sim.run.observers.safe.state.time == RELEASE[0]
@@ -254,10 +254,10 @@ def test_a_retry_begins_beyond_the_event(backend: str, tmp_path: Path) -> None:
     assert len(sim.log.events) == 1
 
 
-def test_points_that_cannot_sleep_are_refused(tmp_path: Path) -> None:
+def test_points_that_cannot_be_inactive_are_refused(tmp_path: Path) -> None:
     with pytest.raises(exunet.CaseError):
-        exunet.Simulation(sleeping(tmp_path, "exudyn", "GeneralizedAlpha"))
-    start = sleeping(tmp_path, "compiled", "RK44")
+        exunet.Simulation(with_inactive_points(tmp_path, "exudyn", "GeneralizedAlpha"))
+    start = with_inactive_points(tmp_path, "compiled", "RK44")
     with pytest.raises(exunet.CaseError):  # those that move
         exunet.Simulation(start.moved(start.position, start.velocity + 1.0))
 

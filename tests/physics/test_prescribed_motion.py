@@ -256,7 +256,7 @@ LED = (
 @pytest.mark.slow_for("compiled")
 @every_backend
 def test_steps_end_where_the_pieces_of_a_guide_meet(backend: str, tmp_path: Path) -> None:
-    """Order 4 of RK44 for what a prescribed motion gives to masses that its body holds, which is their momentum.
+    """Order 4 of RK44 for what a prescribed body gives to masses that it holds, which is their momentum.
 
     Its rate has a kink there: steps across it would leave the order 2.
     """

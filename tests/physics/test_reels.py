@@ -237,7 +237,7 @@ def test_forces_are_shared_with_what_a_body_holds() -> None:
     np.testing.assert_allclose(force[3:], given[3:] - np.cross(arm, of_points).sum(axis=0), atol=1e-13)
 
 
-def test_guided_bodies_give_what_moves_the_points_that_they_hold() -> None:
+def test_prescribed_bodies_give_what_moves_the_points_that_they_hold() -> None:
     """Sums of m a over points, their accelerations by differences of the prescribed motion's poses."""
     rng = np.random.default_rng(3)
     held, arm = random_held(rng)

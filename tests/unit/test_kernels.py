@@ -267,7 +267,7 @@ def test_without_numba_kernel_terms_are_interpreted(monkeypatch: pytest.MonkeyPa
 
 
 def test_forces_and_rates_of_one_state_come_of_one_evaluation() -> None:
-    """Rates are looked up where forces, discrete states and state are the same; a number put there shows it."""
+    """Rates are looked up where forces and states are the same; a number put there shows it."""
     start = prepare(load(CASES / "capture" / "free_sphere.toml", ["engine.backend=exudyn"]).scene)
     made = model(start)
     applied, blocks, (q, v, _) = made.applied, start.system.blocks, made.coordinates()

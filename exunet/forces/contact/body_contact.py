@@ -6,7 +6,7 @@ of the depth inside it, which is where friction rubs; across the surface it is t
 line that it acts along. What is added up of all corners and edges is a force and its torque about the touched
 body's centre, handed on to both bodies at the end.
 
-Friction with discrete state is that of `law.friction`, but for what is remembered. Since bodies roll on each
+Sticking friction is that of `law.friction`, but for what is remembered. Since bodies roll on each
 other, it is a point of each, at the end of every accepted step the place of the contact anew, shifted by what
 the spring along the surface is stretched by then; with that discrete state the force is the same. A row of
 it: what is remembered (0.0: nothing, 1.0: an anchor), the pressing body's point (3), the touched one's (3),
@@ -245,7 +245,7 @@ def act(c: Any, p: Any, f: Any) -> None:
 
 
 def rub(c: Any, k: int, p: Any, n: Any, normal_force: float, inwards: float, force: Any) -> None:
-    """Friction of row k where `push` [N] acts along n (3): `inwards` [m] from p (3) against n."""
+    """Friction of row k where `normal_force` [N] acts along n (3): `inwards` [m] from p (3) against n."""
     if c.law.friction > 0.0:
         q = (p[0] - inwards * n[0], p[1] - inwards * n[1], p[2] - inwards * n[2])
         w = motion_at(c, q)
@@ -259,7 +259,7 @@ def rub(c: Any, k: int, p: Any, n: Any, normal_force: float, inwards: float, for
 
 
 def hold(c: Any, k: int, q: Any, n: Any, w: Any, normal_force: float) -> Any:
-    """Friction (3) [N] with discrete state at q (3), where bodies slide at w (3) [m/s]; its next discrete state: the row."""
+    """Sticking friction (3) [N] at q (3), where bodies slide at w (3) [m/s]; the next discrete state: row."""
     kept, row, first = c.kept, c.after[k], 7 * k
     u = (0.0, 0.0, 0.0)
     if kept[first] == 1.0:

@@ -164,7 +164,7 @@ def remember_wrong(t: float, wrong: float, pair: float, status: Any) -> None:
 
 
 def keep_row(kept: Any, k: int, row: Any) -> None:
-    """Put the next discrete state of pair k into place; of one that remembers nothing all is zero but that."""
+    """Put the next discrete state of pair k into place; all is zero of a pair that remembers nothing."""
     kept[5 * k] = row[0]
     for m in range(1, 5):
         kept[5 * k + m] = row[m] if row[0] == 1.0 else 0.0

@@ -28,7 +28,7 @@ def damping_rate(damping: float, stiffness_rate: float, speed: float, exponent: 
 def friction_rate(rubbing: Friction, stiffness_rate: float, speed: float) -> float:
     """The steepest [1/s] of mu N u / (m sqrt(u^2 + v_s^2)) in an impact at a speed [m/s]: of N = m v w.
 
-    0.0 of friction with discrete state, which is part of the stiffness rate.
+    0.0 of sticking friction, which is part of the stiffness rate.
     """
     if not rubbing.slip_speed > 0.0:
         return 0.0

@@ -10,13 +10,13 @@ the same on the way in and on the way out, whatever m, k and n are, so with d = 
 
 The usual a = 3 (1 - e) / (2 v0) is its limit for e near 1.
 
-Coulomb's law with discrete state: a spring of stiffness k and damping k theta along the surface, whose force
+Coulomb's law with stick: a spring of stiffness k and damping k theta along the surface, whose force
 never exceeds mu N; where it would, its anchor is dragged along (return mapping: Simo, Hughes, "Computational
 Inelasticity" (1998), section 1.2.2). What is remembered is a point of the thread s and a point b of the body,
 which stay as they are while the pair sticks: forces then are functions of the state, and a method keeps its
 order. Forces are worked out from the discrete state as the last accepted step left it, and what would be
 remembered
-if the step were accepted is written beside it: with that discrete state the force is the same, so that it does not
+if the step were accepted is written beside it: with that state the force is the same, so that it does not
 matter whether it was worked out before or after.
 
 A row of the discrete state: what is remembered (0.0: nothing, 1.0: an anchor, -1.0: the pair has not come out
@@ -141,7 +141,7 @@ class ContactLaw(NamedTuple):
 
 
 class Friction(NamedTuple):
-    """friction : mu; slip_speed : v_s [m/s], 0.0 for friction with discrete state; ratio : kappa; damping : zeta."""
+    """friction : mu; slip_speed : v_s [m/s], 0.0 for sticking friction; ratio : kappa; damping : zeta."""
 
     friction: float
     slip_speed: float = 0.0
@@ -152,7 +152,7 @@ class Friction(NamedTuple):
 def friction(normal_force: float, n: Any, u: Any, w: Any, stiffness: float, time: float, law: Any) -> Any:
     """Force (3) [N] against sliding; True if the pair slides.
 
-    push : normal force N [N]; n : (3) its direction
+    normal_force : N [N]; n : (3) its direction
     u, w : (3) shift from the anchor [m], and velocity [m/s] of thread or bullet against the body
     time : theta [s]
     law  : has friction, the coefficient mu

@@ -841,7 +841,7 @@ def sticking_friction(c: Any, k: int, normal: Any, ends: Any, speeds: Any, middl
     """Friction (3) [N] of a pair, and where on the thread it acts; its next discrete state into c.after.
 
     normal : size of the force across the surface [N], and its direction (3); middle : where it acts
-    ends, speeds : as `ends_now` and `speeds_now` give them; holds : as of `push_thread`
+    ends, speeds : as `ends_now` and `speeds_now` give them; holds : as of `apply_to_element`
     """
     normal_force, n = normal
     a, b = ends

@@ -109,9 +109,9 @@ Pairs = Annotated[tuple[Annotated[tuple[str, str], FromArray], ...], FromArray]
 
 
 class StickingFriction(Record):
-    """Coulomb's friction with discrete state: it holds what rests."""
+    """Coulomb's friction with stick: it holds what rests."""
 
-    law: Literal["sticking"] = Field(description="holds what rests, with memory")
+    law: Literal["sticking"] = Field(description="holds what rests")
     coefficient: NonNegative = Field(description="coefficient mu of Coulomb's friction [-]", examples=[0.3])
     tangential_ratio: float = Field(
         0.5, gt=0.0, le=1.0, description="kappa, stiffness along the surface over that across it"

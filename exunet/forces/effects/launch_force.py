@@ -54,7 +54,7 @@ from exunet.net.arrays import Net
 
 
 class LaunchLaw(NamedTuple):
-    """Law of what pushes.
+    """Force law of the launch.
 
     force, stroke : F0 [N], path on which it acts [m]
     dead_length, exponent : of gas V, the volume behind the bullet over the bore's area [m], and gamma of the
@@ -97,7 +97,7 @@ class LaunchForce(Effect):
 
     @property
     def law(self) -> LaunchLaw:
-        """Law of what pushes."""
+        """Force law of the launch."""
         return LaunchLaw(self.force, self.stroke)
 
     @property
@@ -188,7 +188,7 @@ class GasLaunchForce(LaunchForce):
 
     @property
     def law(self) -> LaunchLaw:
-        """Law of what pushes."""
+        """Force law of the launch."""
         return LaunchLaw(self.force, self.stroke, self.dead_length, self.exponent)
 
 
@@ -196,7 +196,7 @@ AnyLaunchForce = Annotated[SpringLaunchForce | GasLaunchForce, Field(discriminat
 
 
 def launch_from_mass(blocks: Blocks, chaser: str, axes: Floats, law: LaunchLaw) -> KernelTerm:
-    """Return the term of what pushes all bullets out of barrels on a point mass.
+    """Return the term that launches all bullets out of barrels on a point mass.
 
     axes : (n, 3) unit vectors of the barrels
     """
@@ -254,7 +254,7 @@ def _with_inside(data: Barrels, inside: Floats) -> Barrels:
 
 
 def launch_term(blocks: Blocks, body: str, axes: Floats, law: LaunchLaw) -> KernelTerm:
-    """Return the term of what pushes all bullets out of barrels on a body.
+    """Return the term that launches all bullets out of barrels on a body.
 
     axes : (n, 3) unit vectors of the barrels at the start, in the net's axes
     """

@@ -103,7 +103,7 @@ class StepExtremes:
         seen.outlets[number] = *places, outlet.base, outlet.least, outlet.ratio
 
     def _count_inactive(self, discrete: Arrays, x: Floats) -> None:
-        """The kernel leaves out elements between points that sleep; they count with the extremes."""
+        """The kernel leaves out elements between inactive points; they count with the extremes."""
         cable, before = self._system.forces.cable, self._inactive
         moving = cable.moving(discrete)
         if moving is not None:

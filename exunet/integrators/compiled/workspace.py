@@ -58,8 +58,8 @@ class Motion(NamedTuple):
     z       : (n_z,) view of x: what is of first order, attitudes and states of terms
     inverse : (n_force,) 1 / mass or inertia; zero for what is held still, 1 for first-order states
     inertia : (n_bodies, 3) principal moments [kg m2]
-    push    : (n_force,) forces [N], and torques in body axes [N m], from outside
-    pushed  : (1,) 1.0 where one of these forces is not zero
+    external : (n_force,) external forces [N], and torques in body axes [N m]
+    has_external : (1,) 1.0 where one of these forces is not zero
     data    : rows of the kernel's `ForceTable`
     takes   : a `Takes`: how the energy is known that the forces take out
     work    : (17, n_x) the rows of `Stages`
@@ -175,7 +175,7 @@ class ObservedRuns(NamedTuple):
     elements   : the rest of `ObservedSteps`, without its own records; its `highest` is (runs, n_elements)
     x, v       : (n_x, runs), (n_v, runs) the states
     elastic    : (1, runs) elastic energies [J] of a step that is looked at
-    look_above : (1, runs) as in the records; level: the same discrete state, as vectors in compiled code
+    look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
     half       : as in `ObservedSteps`
     """
 

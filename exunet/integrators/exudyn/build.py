@@ -158,10 +158,10 @@ class AppliedKernel:
         if self._held is None:
             self._hold()
         self._forces(t, q, q_t, self._model.coordinates_in_call().y, self._held, out)
-        self._let_sleep(out)
+        self._stop_inactive(out)
 
-    def _let_sleep(self, out: Floats) -> None:
-        if self._moving is not None:  # what sleeps is at rest, and stays so without a force
+    def _stop_inactive(self, out: Floats) -> None:
+        if self._moving is not None:  # inactive points rest, and stay so without a force
             assert self._place is not None
             free = self._place.where[1]
             out[: len(free)] *= self._moving[free // 3]
@@ -253,7 +253,7 @@ def build(system: System, state: State, plan: Plan, *, has_external: bool = Fals
     Each free point is a mass point, each element that the engine can hold (`_native`) a connector with the
     user-defined law. One generic object computes the other forces, if there are any.
 
-    pushed : with room for forces from outside
+    has_external : with room for external forces
     """
     model, forces, method = Model(), system.forces, METHODS[plan.method]
     native = _native(system)
@@ -361,7 +361,7 @@ def _all_in_one(system: System, native: NDArray[np.bool_]) -> bool:
 
 
 def _apply(model: Model, system: System, kernel: Kernel, state: State, method: MethodFacts) -> None:
-    """Let a kernel push the points and bodies."""
+    """Let a kernel act on the points and bodies."""
     linearised = Linearised(system.blocks, system.forces) if method.kind == Kind.IMPLICIT else None
     bodies = bool(system.driven.any())
     applied = AppliedKernel(

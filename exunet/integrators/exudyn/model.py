@@ -45,7 +45,7 @@ class Places(NamedTuple):
     plain: bool
 
     def unpack(self, now: Coordinates, time: float | Floats, discrete: DiscreteStates) -> Moving:
-        """Return the moving state of coordinates of the engine at times (...) [s], with these discrete states."""
+        """Return the state of the engine's coordinates at times (...) [s], at these discrete states."""
         return self.of_coordinates(now).completed(self.kinematics, time, discrete)
 
     def flat(
@@ -237,7 +237,7 @@ class Model(Items):
         self._seen: Coordinates | None = None
         self._n_first_order = 0
         self._n_ballast = 0
-        self.applied: Any = None  # the AppliedKernel that pushes the points, if there is one
+        self.applied: Any = None  # the AppliedKernel that acts on the points, if there is one
 
     def linear_terms(
         self, on_velocity: csr_array | None, stiffness: csr_array | None, load: Floats | None

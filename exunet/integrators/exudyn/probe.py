@@ -78,7 +78,7 @@ class Probe:
         data.SetTime(time, current)
 
     def remember(self, system: System, discrete: DiscreteStates) -> None:
-        """Evaluate the forces at these discrete states of the system from now on; at first at those of the start."""
+        """Evaluate the forces at these discrete states from now on; at first at those of the start."""
         remember(self._model, system, discrete)
 
     def accelerations(self, position: Floats, velocity: Floats, time: float = 0.0) -> Floats:
