@@ -36,7 +36,7 @@ class NumpyStepper:
         self._system, self._step, self._kernel = system, plan.step, Kernel(system.forces)
         self._x, self._v = (np.array(part) for part in system.layout.pack(state.moving))
         self._force = np.zeros(system.blocks.n_force)
-        self._push = np.zeros(system.blocks.n_force)
+        self._external = np.zeros(system.blocks.n_force)
         self.time, self._counts = state.time, np.zeros(2, dtype=np.int64)  # steps, rejected
         self._equal = np.zeros(4)  # begin, end, number of equal steps, steps before
         self._use(state.discrete)
@@ -62,7 +62,7 @@ class NumpyStepper:
         """Rates of x, in which first-order states follow the positions, and of v."""
         self._force[:] = 0.0
         self._kernel.module.forces(time, x, v, self._table.rows, self._force)
-        rates = (self._force + self._push) * self._inverse
+        rates = (self._force + self._external) * self._inverse
         return np.concatenate([v, rates[len(v) :]]), rates[: len(v)]
 
     def step(
@@ -101,8 +101,8 @@ class NumpyStepper:
         self._v = self._v if change.v is None else np.array(change.v)
         self._use(discrete)
 
-    def push(self, force: Floats) -> None:
-        self._push[: force.size] = force.ravel()
+    def set_external_force(self, force: Floats) -> None:
+        self._external[: force.size] = force.ravel()
 
     def set_inputs(self, inputs: Arrays) -> None:
         self._use({**self.discrete, **inputs})
@@ -121,13 +121,19 @@ class NumpyStepper:
         return State.of(self.time, moving, {name: values.copy() for name, values in self.discrete.items()})
 
     def save(self) -> dict[str, NDArray[Any]]:
-        own = {"x": self._x, "v": self._v, "push": self._push, "counts": self._counts, "equal": self._equal}
+        own = {
+            "x": self._x,
+            "v": self._v,
+            "external": self._external,
+            "counts": self._counts,
+            "equal": self._equal,
+        }
         own |= {f"discrete/{name}": values for name, values in self.discrete.items()}
         return {name: np.array(values) for name, values in own.items()} | {"time": np.array(self.time)}
 
     def load(self, arrays: Arrays, rejected: int | None = None) -> None:
         self.time, self._x, self._v = float(arrays["time"]), np.array(arrays["x"]), np.array(arrays["v"])
-        for name, own in (("push", self._push), ("counts", self._counts), ("equal", self._equal)):
+        for name, own in (("external", self._external), ("counts", self._counts), ("equal", self._equal)):
             own[:] = arrays[name]
         self._use({name: arrays[f"discrete/{name}"] for name in self.discrete})
         if rejected is not None:

@@ -114,7 +114,7 @@ LEAVES = {
         {"gyroscopic", "kernels", "stiffness"},
         {"add_velocity_product", "add_two_body", "add_position_product"},
     ),
-    "launch_force": ({"kernels"}, {"add_push_of_mass"}),
+    "launch_force": ({"kernels"}, {"add_launch_of_mass"}),
     "molecular_drag": ({"kernels"}, {"add_molecular_drag"}),
     "self_contact": ({"kernels", "discrete"}, {"add_together", "add_pair"}),
     "solar_pressure": ({"load"}, {"add_load"}),

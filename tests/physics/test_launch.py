@@ -82,13 +82,13 @@ def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
     gas = launch_force.BarrelsOnMass(bullets, 3, axes, np.array([0.25]), law)
     for way, push in ((0.5, 0.0), (0.5 - 2.0**-40, 15.0)):
         force = np.zeros(6)
-        launch_force.add_push_of_mass(0.0, np.array([0, 0, way + 0.25, 0, 0, 0.0]), np.zeros(6), gas, force)
+        launch_force.add_launch_of_mass(0.0, np.array([0, 0, way + 0.25, 0, 0, 0.0]), np.zeros(6), gas, force)
         assert force[2] == pytest.approx(push, rel=1e-9)
     on_body = launch_force.Barrels(bullets, np.ones(1), axes, np.array([0.25]), 3, 6, 6, law)
     muzzles = launch_force.Muzzles(on_body)
     for way, push, left in ((0.5, 0.0, [0]), (0.5 - 2.0**-40, 15.0, [])):
         x, force = np.array([0, 0, way + 0.25, 0, 0, 0, 1.0, 0, 0, 0]), np.zeros(9)
-        launch_force.add_push_of_body(0.0, x, np.zeros(9), on_body, force)
+        launch_force.add_launch_of_body(0.0, x, np.zeros(9), on_body, force)
         assert force[2] == pytest.approx(push, rel=1e-9)
         assert muzzles.crossed(0.0, x, np.zeros(9), np.ones(1)).tolist() == left
         assert (launch_force.beyond_muzzle(0.0, x, np.zeros(9), on_body) >= 0.0) == bool(left)
@@ -107,7 +107,7 @@ def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
         data = launch_force.BarrelsOnMass(
             BULLETS, CHASER, AXES, BEGIN, launch_force.LaunchLaw(FORCE, STROKE, *gas)
         )
-        add, potential = launch_force.add_push_of_mass, launch_force.push_of_mass_potential
+        add, potential = launch_force.add_launch_of_mass, launch_force.launch_of_mass_potential
         if kind == "spring":
             law = FORCE * (1.0 - way / STROKE)
             left = FORCE * (STROKE - way) ** 2 / (2.0 * STROKE)
@@ -148,7 +148,7 @@ def test_force_and_torque_do_the_virtual_work_of_the_potential(law: launch_force
         arm = (x[3 * b : 3 * b + 3] - x[12:15]) @ turn
         arm += (wanted[b] + start[b] - arm @ axes[b]) * axes[b]
         x[3 * b : 3 * b + 3] = x[12:15] + turn @ arm
-    launch_force.add_push_of_body(0.0, x, np.zeros(18), data, force)
+    launch_force.add_launch_of_body(0.0, x, np.zeros(18), data, force)
     assert [launch_force.way_in_barrel(x, b, data) for b in range(4)] == pytest.approx(wanted, abs=1e-14)
     pushes = np.linalg.norm(force[:12].reshape(4, 3), axis=1)
     if law.exponent:
@@ -167,7 +167,7 @@ def test_force_and_torque_do_the_virtual_work_of_the_potential(law: launch_force
                 axis = sign * np.eye(3)[k - 15]
                 attitude = Rotation.from_quat(x[15:], scalar_first=True) * Rotation.from_rotvec(axis)
                 moved[15:] = attitude.as_quat(scalar_first=True)
-            ends.append(launch_force.push_of_body_potential(moved, data))
+            ends.append(launch_force.launch_of_body_potential(moved, data))
         slope[k] = (ends[0] - ends[1]) / (2.0 * step)
     np.testing.assert_allclose(force, -slope, atol=1e-7)
     # One line: no net force, and no net torque about any point.

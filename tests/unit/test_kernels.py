@@ -76,7 +76,7 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
         kernel.module.forces(0.0, x, v, table.rows, added)
         out = np.full(x.size, np.nan)
         room = {name: np.full(x.size, np.nan) for name in ("x", "v", "force")}
-        room |= {name: np.zeros(x.size) for name in ("push", "reference")}  # none, and at the origin
+        room |= {name: np.zeros(x.size) for name in ("external", "reference")}  # none, and at the origin
         none, asked = np.zeros(0, dtype=Index), np.full(1 + 2 * x.size, np.nan)
         place = EngineCoordinates(
             np.stack([every, every]), none, 0, 0, x.size, none, asked, np.zeros(2), False, **room
@@ -284,7 +284,7 @@ def test_forces_and_rates_of_one_state_come_of_one_evaluation() -> None:
     assert evaluated_anew(0.5, v + 1e-9)
     assert not evaluated_anew(0.5, v + 1e-9)
     assert evaluated_anew(0.6, v)
-    applied.push(np.ones((blocks.n_points, 3)))
+    applied.set_external_force(np.ones((blocks.n_points, 3)))
     assert evaluated_anew(0.6, v)
     applied.accepted(0.6, q, v)
     assert evaluated_anew(0.6, v)
