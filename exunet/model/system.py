@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
+from exunet.base.files import group_of, grouped
 from exunet.base.run_events import NetEjected
 from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidBody, RigidStates
@@ -230,16 +231,15 @@ class State:
             "velocity": self.velocity,
             "first_order": self.first_order,
             **{f"bodies/{name}": part for name, part in parts},
-            **{f"discrete/{name}": values for name, values in self.discrete.items()},
+            **grouped("discrete", self.discrete),
         }
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Floats]) -> State:
         """Make a state from `arrays`."""
         bodies = RigidStates(*(arrays[f"bodies/{name}"] for name in _OF_BODIES))
-        discrete = {name[7:]: values for name, values in arrays.items() if name.startswith("discrete/")}
         moving = Moving(arrays["position"], arrays["velocity"], bodies, arrays["first_order"])
-        return cls.of(float(arrays["time"]), moving, discrete)
+        return cls.of(float(arrays["time"]), moving, group_of("discrete", arrays))
 
     def at(self, position: Floats, velocity: Floats) -> State:
         """Return the state with other positions and velocities of the points."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
+from exunet.base.files import group_of, grouped
 from exunet.forces.terms import Change, DiscreteStates
 from exunet.integrators.protocol import Arrays, Extremes, Largest
 from exunet.model.states import States
@@ -157,8 +158,9 @@ class Block:
         }
         arrays |= {"marks": np.array(self._marks, dtype=np.int64), "sums": np.array([self._sums])}
         found = {name: np.array(values) for name, values in arrays.items()}
-        for name in self._discrete_states[0] if self._discrete_states else {}:
-            found[f"discrete/{name}"] = np.array([discrete[name] for discrete in self._discrete_states])
+        names = self._discrete_states[0] if self._discrete_states else {}
+        discrete = {name: np.array([at[name] for at in self._discrete_states]) for name in names}
+        found |= grouped("discrete", discrete)
         for what, seen in (("marks", self._extremes), ("since", [self._since])):
             found |= {f"{what}/{name}": values for name, values in _packed(seen).items()}
         return found
@@ -169,9 +171,9 @@ class Block:
         for name, part in (("time", self._time), ("x", self._x), ("v", self._v), ("taken", self._taken)):
             part[: self.rows] = arrays[name]
         self._marks, self._sums = arrays["marks"].tolist(), bool(arrays["sums"][0])
-        names = [name for name in arrays if name.startswith("discrete/")]
+        discrete = group_of("discrete", arrays)
         self._discrete_states = [
-            {name[7:]: arrays[name][k] for name in names} for k in range(len(self._marks))
+            {name: values[k] for name, values in discrete.items()} for k in range(len(self._marks))
         ]
         self._extremes = _unpacked("marks/", arrays, len(self._marks))
         (self._since,) = _unpacked("since/", arrays, 1)
