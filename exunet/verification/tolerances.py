@@ -41,22 +41,6 @@ CLOSED_RUN = Tolerance(
 )
 CLOSED_WORK = Tolerance(1e-6, "of the largest work: as CLOSED_RUN; 3e-9 was seen")
 CLOSED_ENERGY = Tolerance(1e-8, "of the largest kinetic energy: as ENERGY; 4e-10 was seen")
-MASS = Tolerance(1e-14, "of the largest mass: both codes add halves of the same element masses")
-DAMPING = Tolerance(1e-12, "of the largest entry: a constant matrix, assembled in another order")
-STIFFNESS = Tolerance(3e-6, "of the largest entry: the engine differentiates in steps of 1e-8; 3e-7 was seen")
-DIFFERENCED = Tolerance(1e-7, "of the largest entry: differences over 1e-6 of the shortest element: 1e-9")
-RESOLVED = Tolerance(
-    0.02,
-    "differences are parts of this where it exceeds the largest entry: tensions differentiated by velocities "
-    "in steps of 1e-8 m/s have a round-off of 1e-8 s/m x E A",
-    "s/m x E A",
-)
-RESOLVED_BY_STEPS = Tolerance(
-    1e-7,
-    "likewise of the reference's forces differenced in steps of 3e-3 m/s and more: 2e-16 x E A of a tension "
-    "near 0.02 E A over the step, 1e-15 s/m x E A, is 1e-8 of this",
-    "s/m x E A",
-)
 RAN = Tolerance(0.0, "a run that stops leaves nothing to compare")
 CONVERGED = Tolerance(1e-6, "of size and v0: what ten times the tolerance changes; a tenth of TRAJECTORY")
 LEFT_OUT = Tolerance(
