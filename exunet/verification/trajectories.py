@@ -14,14 +14,7 @@ from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.ensemble import tracked_speeds
 from exunet.verification.check import Check, Finding, difference, skipped
 from exunet.verification.figures import curves, picture
-from exunet.verification.horizon import (
-    ROUND_OFF,
-    Growth,
-    best_plan,
-    distances,
-    growth,
-    sensitivity,
-)
+from exunet.verification.horizon import Growth, best_plan, distances, growth, sensitivity
 from exunet.verification.tolerances import (
     ANGULAR,
     BOOKED,
@@ -128,7 +121,7 @@ def whole_run(case: BothCodes, end: float | None = None) -> Iterator[Finding]:
 def boosted_run(case: BothCodes) -> Iterator[Finding]:
     """Follow a case in a moving frame, where a symmetric start does not keep the codes together."""
     if moving := boosted(case):
-        yield from converged(moving, growth(case, amplitudes=(ROUND_OFF,)))
+        yield from converged(moving, growth(case))
 
 
 def boosted(case: BothCodes) -> BothCodes | None:
@@ -307,7 +300,7 @@ def _within_own(
 
 def closing_run(case: BothCodes, end: float | None = None) -> Iterator[Check]:
     """Compare positions, length wound up, its work and energies over a run with a closing, to its horizon."""
-    grown = growth(case, end, (ROUND_OFF,))
+    grown = growth(case, end)
     end = min(grown.horizon, float(grown.time[-1]))
     times = np.linspace(0.0, end, INSTANTS // 4 + 1)
     ours = case.fastest().run_exunet(times, best_plan(case, OWN[1]), booked=True)
