@@ -193,7 +193,9 @@ def shown(value: Any) -> str:
     if isinstance(value, list | tuple):
         items = [shown(item) for item in value[:4]] + ["..."] * (len(value) > 4)
         return _cut("[" + ", ".join(items), "]")
-    return _cut(json.dumps(value, ensure_ascii=False)[:-1], '"') if isinstance(value, str) else str(value)
+    if isinstance(value, str):
+        return _cut(json.dumps(value, ensure_ascii=False)[:-1], '"')
+    return _cut(str(value), "")
 
 
 def _cut(text: str, end: str) -> str:
