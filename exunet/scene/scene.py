@@ -78,7 +78,9 @@ class Time(Record):
     TABLE: ClassVar = "time"
     EXACTLY_ONE: ClassVar = ("output_step", "output_times")
 
-    end: Positive = Field(description="end of the simulation [s]; it starts at 0", examples=[2.0])
+    end: Annotated[float, Field(ge=SHORTEST)] = Field(
+        description="end of the simulation [s]; it starts at 0", examples=[2.0]
+    )
     output_step: Positive | None = Field(
         None, description="spacing of the stored states [s]: k output_step and end", examples=[0.005]
     )
@@ -88,13 +90,6 @@ class Time(Record):
         "stored anyway",
         examples=[[0.5, 1.0]],
     )
-
-    @field_validator("end")
-    @classmethod
-    def _measurable(cls, end: float) -> float:
-        if end < SHORTEST:
-            raise ValueError(f"must be at least {SHORTEST:g} s, got {end:g}")
-        return end
 
     def faults(self) -> Iterator[Fault]:
         """Require stored times that increase until the end, and not too many."""

@@ -24,17 +24,17 @@ def picture(name: str, figure: Figure, caption: str) -> Picture:
     return Picture(name, png.getvalue(), caption)
 
 
-def curves(title: str, time: Floats, lines: Mapping[str, Floats], marks: Mapping[str, float]) -> Figure:
-    """Draw differences of positions (t,) [m] over time [s], logarithmic; marks are named instants."""
+def curves(title: str, time: Floats, lines: Mapping[str, Floats], horizon: float) -> Figure:
+    """Draw differences of positions (t,) [m] over time [s], logarithmic, and the horizon [s]."""
     figure = blank(6.4, 3.8)
     axes = figure.add_axes((0.12, 0.13, 0.84, 0.77))
     figure.suptitle(title, fontsize=10)
     for (label, line), style in zip(lines.items(), CURVES, strict=False):
         seen = np.where(line > LEAST, line, np.nan) if np.any(line > LEAST) else np.full_like(line, LEAST)
         axes.plot(time, seen, label=label, **(style | {"marker": ""}))
-    for label, instant in marks.items():
-        if instant <= time[-1]:
-            axes.axvline(instant, color=BLACK, linewidth=0.9, linestyle="--", label=label)
+    if horizon <= time[-1]:
+        label = f"horizon, t = {horizon:.3g} s"
+        axes.axvline(horizon, color=BLACK, linewidth=0.9, linestyle="--", label=label)
     axes.set(xlabel="time [s]", ylabel="largest difference of a position [m]", yscale="log")
     axes.set_xlim(float(time[0]), float(time[-1]))
     _gridded(axes)

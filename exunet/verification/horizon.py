@@ -63,11 +63,6 @@ class Growth:
         at = np.flatnonzero(self.distance >= VISIBLE)
         return float(self.time[at[0]]) if len(at) else math.inf
 
-    @property
-    def named_horizon(self) -> dict[str, float]:
-        """Label in figures, and the horizon."""
-        return {f"horizon, t = {self.horizon:.3g} s": self.horizon}
-
 
 def with_tolerance(case: BothCodes, method: str, tolerance: float) -> Plan:
     """Plan an adaptive method with an absolute tolerance [m, m/s]."""
@@ -134,7 +129,7 @@ def sensitivity(case: BothCodes, grown: Growth) -> Iterator[Finding]:
     yield Check("horizon [s]", 0.0, None, where, value=horizon)
     lines = {f"start moved by {ROUND_OFF * size:.0e} m": size * grown.distance}
     title = f"{case.name}: distance from the unperturbed motion"
-    figure = curves(title, grown.time, lines, grown.named_horizon)
+    figure = curves(title, grown.time, lines, horizon)
     caption = f"Growth of perturbations of the start of {case.name}. Vertical line: {apart}."
     yield picture(f"growth_{case.name}", figure, caption)
 

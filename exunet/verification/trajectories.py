@@ -170,7 +170,7 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Finding]:
     apart = {"exunet and reference": distances(ours[-1], theirs[-1]).max(axis=1)}
     apart["reference at two tolerances"] = distances(*theirs).max(axis=1)
     title = f"{case.name}: distance between the codes, each with its best method"
-    figure = curves(title, times, apart, grown.named_horizon)
+    figure = curves(title, times, apart, grown.horizon)
     caption = f"{case.name}: largest distance of a node between the codes. Compared up to the horizon."
     yield picture(f"trajectories_{case.name}", figure, caption)
 

@@ -359,7 +359,6 @@ def free_rotation(case: BothCodes) -> Iterator[Check]:
             total = float(np.linalg.norm(momentum[0]))
             kept = {
                 "energy": (twice - twice[0]) / twice[0],
-                "|H|": np.linalg.norm(momentum, axis=1)[:, None] / total - 1.0,
                 "H": (in_scene - in_scene[0]) / total,
             }
             for quantity, change in kept.items():
