@@ -91,6 +91,11 @@ def energies(case: BothCodes, motion: Trajectory, tolerance: Tolerance) -> Balan
     return Balance("energy", "J", total[:, None], float(moving.max()), tolerance)
 
 
+def conserved(case: BothCodes, motion: Trajectory, linear: Tolerance = MOMENTUM) -> list[Balance]:
+    """Return momenta and energy of a run without external forces."""
+    return [*momenta(case, motion, linear, ANGULAR), energies(case, motion, ENERGY)]
+
+
 def changes(balances: list[Balance], times: Floats, code: str) -> Iterator[Check]:
     """Check the largest change of each balance at the given times."""
     for balance in balances:
