@@ -195,7 +195,9 @@ def shown(value: Any) -> str:
         return _cut("[" + ", ".join(items), "]")
     if isinstance(value, str):
         return _cut(json.dumps(value, ensure_ascii=False)[:-1], '"')
-    return _cut(str(value), "")
+    if isinstance(value, int) and value.bit_length() > 64:  # Python refuses to write very long ones
+        return "a whole number of more than 64 bits"
+    return str(value)
 
 
 def _cut(text: str, end: str) -> str:
