@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -131,7 +131,6 @@ class Comparison:
     reference: Observer
     stored: str = ""
     everywhere: bool = False
-    seed: int = field(default=SEED)
 
 
 def at_states(case: BothCodes, states: int = STATES, compiled: bool = True) -> Iterator[Check]:
@@ -159,7 +158,7 @@ def at_states(case: BothCodes, states: int = STATES, compiled: bool = True) -> I
 
 def compared(comparison: Comparison, states: int) -> Iterator[Check]:
     """Yield for each quantity and code the kind of states with the largest error."""
-    random = np.random.default_rng(comparison.seed)
+    random = np.random.default_rng(SEED)
     pairs: dict[tuple[str, str], dict[str, list[tuple[Floats, Floats]]]] = defaultdict(dict)
     floors: dict[tuple[str, str], float] = defaultdict(float)
     for kind in comparison.kinds:
