@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from exunet.base.errors import InputError
+from exunet.base.key_path import closest
 
 _PACKAGE = Path(__file__).parents[1]
 # A wheel has the cases in the package, a clone beside it.
@@ -35,4 +36,8 @@ def first_lines() -> Iterator[tuple[str, str]]:
 def found(case: Path) -> Path:
     """Return the file of a case, or of the shipped case of this name if there is no such file."""
     inside = CASES / case.with_suffix(".toml")
-    return inside if not (case.exists() or case.is_absolute()) and inside.is_file() else case
+    if case.exists() or case.is_absolute():
+        return case
+    if not inside.is_file() and (near := closest(case.with_suffix("").as_posix(), dict(first_lines()))):
+        raise InputError(f"{case}: no such file; did you mean the shipped case {near}?")
+    return inside if inside.is_file() else case

@@ -193,7 +193,11 @@ def shown(value: Any) -> str:
     if isinstance(value, list | tuple):
         items = [shown(item) for item in value[:4]] + ["..."] * (len(value) > 4)
         return _cut("[" + ", ".join(items), "]")
-    return _cut(json.dumps(value, ensure_ascii=False)[:-1], '"') if isinstance(value, str) else str(value)
+    if isinstance(value, str):
+        return _cut(json.dumps(value, ensure_ascii=False)[:-1], '"')
+    if isinstance(value, int) and value.bit_length() > 64:  # Python refuses to write very long ones
+        return "a whole number of more than 64 bits"
+    return str(value)
 
 
 def _cut(text: str, end: str) -> str:

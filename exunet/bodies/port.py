@@ -560,3 +560,7 @@ class FrameOf:
     def frame(self, state: PrincipalState) -> FrameState:
         """Convert a state of the centre of mass and the principal axes to the frame."""
         return FrameState(*frame_of(state, self.centre, self.axes))
+
+    def frame_in(self, bodies: RigidStates, number: int) -> FrameState:
+        """Return the state of the frame of one of some bodies."""
+        return self.frame(PrincipalState(*(tuple(part[number].tolist()) for part in bodies.parts())))

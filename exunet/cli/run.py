@@ -364,7 +364,7 @@ def print_summary(summary: Mapping[str, Any], folder: Path | None, *, every: boo
         names = [name for name in (REPORT, RESULT_FILE, SUMMARY, ENSEMBLE_FILE) if (folder / name).exists()]
         figures = sum(1 for _ in folder.glob("*.png"))
         more = "" if every else f"{GAP}exunet show {folder} --all"
-        typer.echo(f"written to {folder}/: {', '.join(names)}, {figures} figures (exunet plot: all){more}")
+        typer.echo(f"written to {folder}/: {', '.join(names)}, figures: {figures} (exunet plot: all){more}")
 
 
 def _elsewhere(wanted: Path, folder: Path) -> str:

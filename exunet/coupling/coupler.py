@@ -25,7 +25,7 @@ from exunet.coupling.net_system import (
     validate_rotation,
     validate_same_start,
 )
-from exunet.coupling.rollback import CoupledNet, CoupledSnapshot, Ledger
+from exunet.coupling.rollback import CountedStep, CoupledSnapshot, Ledger, Predictor, StepHistory
 from exunet.coupling.stability import CONTRACTING, STABLE, LongestStep
 from exunet.simulation.snapshot import Snapshot
 
@@ -34,6 +34,7 @@ _RECOIL = 1e-6  # of a macro step, over which an ejection recoils
 _OF_TURN = 0.9  # of the largest rotation in a step, since the angular velocity may grow in it
 # Tolerance of times of net and host: of the macro step, and of round-off at a late time.
 _OF_STEP, _ULPS = 1e-9, 4.0
+_ROUND_OFF = 1e-12  # of a quaternion
 _BODY = "Coupler: the host's body at port"
 
 
@@ -90,7 +91,13 @@ class Coupler:
                 f"Coupler: host: must be an exunet.Host, got {type(host).__name__}; use exunet.ExudynHost "
                 "for an Exudyn system, exunet.BodiesHost.of_ports(net) for the bodies of the net's own ports"
             )
-        self._own, self._net, self._host = CoupledNet(net), net, host
+        if not isinstance(net, NetSystem):
+            raise InputError(f"Coupler: net: must be an exunet.NetSystem, got {type(net).__name__}")
+        if not net.ports:
+            raise InputError('Coupler: the net has no port: give a body of its case motion = "port"')
+        self._net, self._host = net, host
+        self._ledger, self._predictor, self._history = Ledger(net), Predictor(), StepHistory(net)
+        self._leave()
         self._step = _positive("step", step)
         self._agreement = _positive("agreement", agreement)
         number = whole_number(iterations)
@@ -102,7 +109,7 @@ class Coupler:
         self.longest = self._given or self._largest.now
         if self._step > self.longest:
             of = "as given" if self._given else "the longest for the ports' masses, stiffnesses and rotations"
-            self._own.ledger.note = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, {of}"
+            self._ledger.note = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, {of}"
         self._step = min(self._step, self.longest)
         self._validate_times()
         self._frames = self._host_frames()
@@ -112,7 +119,7 @@ class Coupler:
     @property
     def ledger(self) -> Ledger:
         """Impulse and work through the ports so far; `print` shows a table."""
-        return self._own.ledger.update()
+        return self._ledger.update()
 
     @property
     def time(self) -> float:
@@ -139,38 +146,63 @@ class Coupler:
                 self._interval_to(stop)
         except RunStopped as stop:
             if self.time < (recorded := self._host_time()):
-                self._own.ledger.net_is_behind(recorded, self.time, str(stop))
+                self._ledger.net_is_behind(recorded, self.time, str(stop))
             raise
         finally:
-            self._own.leave()
+            self._leave()
 
     def snapshot(self) -> CoupledSnapshot:
         """Return a snapshot of net, host and coupling; in memory, or in a file by its `save`."""
         self._validate_unchanged()
         self._net.finish()
         self._host.finish()
-        return self._own.snapshot(self._host.snapshot(), self._discrete())
+        return CoupledSnapshot(self._net.ports, self._net.snapshot(), self._host.snapshot(), self._discrete())
 
     def restore(self, snapshot: CoupledSnapshot) -> None:
         """Restore a snapshot of net and host of the same cases, coupled with the same arguments, bitwise.
 
         Raises InputError for another coupling, net or host; net and coupling are then unchanged.
         """
-        own = self._discrete()
-
-        def restore_host(host: Any) -> None:
-            if not np.array_equal(snapshot.discrete["arguments"], own["arguments"]):
-                raise InputError(
-                    f"Coupler: restore: the snapshot of t = {snapshot.time:g} s is of a coupling with "
-                    f"{_words(snapshot.discrete['arguments'])}; this one has {_words(own['arguments'])}"
-                )
-            self._host.restore(host)
-
-        self._own.restore(snapshot, own, restore_host)
+        if not isinstance(snapshot, CoupledSnapshot):
+            words = "requires a result of `snapshot` or `CoupledSnapshot.load`"
+            raise InputError(f"Coupler: restore: {words}, got {snapshot!r}")
+        net, own, discrete = self._net, self._discrete(), snapshot.discrete
+        given = f"Coupler: restore: the snapshot of t = {snapshot.time:g} s"
+        if snapshot.ports != net.ports:
+            ports, ours = ", ".join(snapshot.ports), ", ".join(net.ports)
+            raise InputError(f"{given} is of a coupling with ports {ports}, this is one with {ours}")
+        if (
+            discrete.keys() != own.keys()
+            or any(discrete[name].shape != own[name].shape for name in ("arguments", "ledger"))
+            or not Predictor.accepts(net.ports, discrete["before"])
+        ):
+            raise InputError(f"{given} is damaged")
+        if not np.array_equal(discrete["arguments"], own["arguments"]):
+            raise InputError(
+                f"{given} is of a coupling with {_words(discrete['arguments'])}; this one has "
+                f"{_words(own['arguments'])}"
+            )
+        net.finish()
+        here = net.snapshot()
+        net.restore(snapshot.net)
+        try:
+            self._host.restore(snapshot.host)
+        except BaseException:
+            net.restore(here)
+            raise
+        self._predictor, self._history = Predictor.of_array(discrete["before"]), StepHistory(net)
+        self._ledger.set_array(discrete["ledger"])
+        self._leave()
         self._frames = self._host_frames()
 
     def _discrete(self) -> dict[str, Floats]:
-        return {"arguments": np.array([self._step, self._iterations, self._agreement])}
+        arguments = np.array([self._step, self._iterations, self._agreement])
+        before, ledger = self._predictor.as_array(), self._ledger.as_array()
+        return {"arguments": arguments, "before": before, "ledger": ledger}
+
+    def _leave(self) -> None:
+        """Record where the coupling leaves the net."""
+        self._left_at, self._left = self._net.time, self._net.state_vector()
 
     def _stops(self, end: float) -> list[float]:
         """Ends of intervals: the jump of an ejection gets a short step of its own."""
@@ -205,7 +237,7 @@ class Coupler:
         while self._given is None and not self._largest.allows((stop - now) / parts):
             parts += 1
         if parts > 1:
-            self._own.ledger.note = (
+            self._ledger.note = (
                 f"macro steps cut, last to {(stop - now) / parts:.4g} s at t = {now:.6g} s, the longest for "
                 "the ports' masses, and stiffnesses that grow with the stretch"
             )
@@ -218,20 +250,20 @@ class Coupler:
 
     def _take(self, until: float) -> bool:
         """Take a macro step; return False, net and host at its begin, if it must be repeated shorter."""
-        net, own, begin, before = self._net, self._own, self._net.time, self._frames
+        net, begin, before = self._net, self._net.time, self._frames
         saved: tuple[Snapshot, Any] | None = None
         if self._iterations > 1:
             net.finish()
             self._host.finish()
             saved = net.snapshot(), self._host.snapshot()
         recoils = net.recoils(begin, until)
-        target = own.predictor.ahead(begin, until, before)
+        target = self._predictor.ahead(begin, until, before)
         if recoils:  # too short to correct the distance of net and host
             target = rows_of(net.frame(name).after(until - begin) for name in net.ports)
         for attempt in range(self._iterations):
             if attempt:
                 self._repeat(saved)
-            loads = net.follow(until, target) if saved else own.history.step(until, target)
+            loads = net.follow(until, target) if saved else self._history.step(until, target)
             try:
                 found = self._host_step(until, loads, before)
             except BaseException:
@@ -243,7 +275,8 @@ class Coupler:
         else:
             self._repeat(saved)
             return False
-        own.record(loads, (before, found), recoils=recoils)
+        self._ledger.record(CountedStep(loads, recoils, before, found))
+        self._predictor.keep(begin, before, recoils=recoils)
         self._frames = found
         return True
 
@@ -256,12 +289,12 @@ class Coupler:
                 f"Coupler: {self._host_name} was to return to t = {self._net.time:.9g} s by its `restore`, "
                 f"and is at {time:.9g} s{'; its bodies are not where they were' if moved else ''}"
             )
-        self._own.ledger.repeated += 1
+        self._ledger.repeated += 1
 
     def _undo(self, saved: tuple[Snapshot, Any] | None) -> None:
         """Return the net, and the host if its state was saved, to the begin of the step."""
         if saved is None:
-            self._own.history.undo()
+            self._history.undo()
         else:
             self._net.restore(saved[0])
             self._host.restore(saved[1])
@@ -276,7 +309,7 @@ class Coupler:
                 f"{until:.9g} s: `step` must end at the given time, with a shorter last step of its own"
             )
         found, times = self._host_frames(f" at t = {until:.6g} s"), (begin, until)
-        earlier = self._own.predictor.earlier(begin, before)
+        earlier = self._predictor.earlier(begin, before)
         validate_no_jump(_BODY, net.ports, times, (before, found), earlier, OWN, net.size)
         validate_rotation(_BODY, net.ports, times, port_loops().max_rotation(until - begin, before, found))
         return found
@@ -332,13 +365,20 @@ class Coupler:
             )
 
     def _validate_unchanged(self) -> None:
-        """Raise InputError unless net and host are where the coupling left them."""
+        """Raise InputError unless net and host are where the coupling left them; the net's attitudes nearly.
+
+        A command to the net computes its ports anew, which changes attitudes by round-off.
+        """
         self._validate_times()
-        self._own.validate_left()
-        if not np.array_equal(self._host_frames(), self._frames):
+        net, now, left = self._net, self._net.state_vector(), self._left
+        exact = len(left) - net.simulation.moving.bodies.attitude.size
+        same = self._left_at == net.time and np.array_equal(left[:exact], now[:exact])
+        same = same and np.allclose(left[exact:], now[exact:], rtol=0.0, atol=_ROUND_OFF)
+        if not same or not np.array_equal(self._host_frames(), self._frames):
             raise InputError(
-                f"Coupler: at t = {self._net.time:.9g} s the host is not where the coupling left it: restore "
-                "net and host by a snapshot of the Coupler, or make a new one with both at the start"
+                f"Coupler: at t = {net.time:.9g} s the {'host' if same else 'net'} is not where the coupling "
+                "left it: restore net and host by a snapshot of the Coupler, or make a new one with both at "
+                "the start"
             )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from exunet.base.arguments import ShortRepr, finite_number
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import InputError
-from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, PrincipalState, frames_of, quaternion_of_matrix
+from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, frames_of, quaternion_of_matrix
 from exunet.coupling.host import Host, grouped_by_owner
 from exunet.coupling.net_system import (
     PortLoad,
@@ -367,8 +367,7 @@ def _validate_same_start(mbs: Any, start: Start, objects: Mapping[int, int]) -> 
         output = [mbs.GetObjectOutputBody(k, item, [0.0] * 3, initial) for item in read]
         place, speed, turn, spin = (np.asarray(entry, dtype=float).ravel().tolist() for entry in output)
         host = FrameState(tuple(place), tuple(speed), quaternion_of_matrix(turn), tuple(spin))
-        parts = (tuple(part[number].tolist()) for part in start.state.bodies.parts())
-        port = FrameOf.body(start.system.bodies[number]).frame(PrincipalState(*parts))
+        port = FrameOf.body(start.system.bodies[number]).frame_in(start.state.bodies, number)
         validate_same_start("add_to", rigid[number], port, host, start.net.size)
 
 

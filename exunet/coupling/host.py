@@ -10,7 +10,7 @@ import numpy as np
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameOf, FrameState, PrincipalState
+from exunet.bodies.port import FrameOf, FrameState
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.forces.on_bodies import input_name
 from exunet.scene.casefile import Case
@@ -108,11 +108,8 @@ class BodiesHost(Host):
         return self._sim
 
     def frames(self) -> dict[str, FrameState]:
-        parts = self._sim.view.bodies.parts()
-        return {
-            name: frame.frame(PrincipalState(*(tuple(part[k].tolist()) for part in parts)))
-            for name, (k, frame) in self._frames.items()
-        }
+        bodies = self._sim.view.bodies
+        return {name: frame.frame_in(bodies, k) for name, (k, frame) in self._frames.items()}
 
     def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
         wrenches: dict[str, Floats] = {}

@@ -35,7 +35,6 @@ from exunet.bodies.port import (
     FrameOf,
     FrameState,
     Piece,
-    PrincipalState,
     after,
     apart,
     difference,
@@ -537,9 +536,8 @@ class NetSystem:
     def frame(self, port: str) -> FrameState:
         """Return the present state of the frame of a port in the net."""
         number = self._number(port)
-        body = self._ports.bodies[number]
-        parts = (tuple(part[body].tolist()) for part in self._sim.moving.bodies.parts())
-        return self._ports.frame_of[number].frame(PrincipalState(*parts))
+        body = int(self._ports.bodies[number])
+        return self._ports.frame_of[number].frame_in(self._sim.moving.bodies, body)
 
     def delivered(self, port: str) -> Delivered:
         """Return what the net has done to the body of a port since the start, with an ejection there."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -204,8 +204,6 @@ def _vector(values: Floats) -> str:
 
 
 KIND, FORMAT = "exunet coupling snapshot", 1
-_ROUND_OFF = 1e-12  # of a quaternion
-_MAY_BE_EMPTY = "before"  # array of a discrete state before the first step
 
 
 class Predictor:
@@ -357,97 +355,3 @@ class CoupledSnapshot(ShortRepr):
 
 def _as_bytes(snapshot: Snapshot) -> NDArray[np.uint8]:
     return np.frombuffer(snapshot.as_bytes(), dtype=np.uint8)
-
-
-class CoupledNet:
-    """Net's side of a coupling: steps, balances, and where the coupling has left the net.
-
-    Raises InputError for another object than a `NetSystem`, and for a net without ports.
-    """
-
-    def __init__(self, net: NetSystem) -> None:
-        if not isinstance(net, NetSystem):
-            raise InputError(f"Coupler: net: must be an exunet.NetSystem, got {type(net).__name__}")
-        if not net.ports:
-            raise InputError('Coupler: the net has no port: give a body of its case motion = "port"')
-        self.net = net
-        self.ledger, self.predictor, self.history = Ledger(net), Predictor(), StepHistory(net)
-        self.leave()
-
-    def leave(self) -> None:
-        """Record where the coupling leaves the net."""
-        self.left_at, self._left = self.net.time, self.net.state_vector()
-
-    def validate_left(self) -> None:
-        """Raise InputError unless the net is where the coupling left it; attitudes to round-off.
-
-        A command to the net computes its ports anew, which changes attitudes by round-off.
-        """
-        net, exact = self.net, len(self._left) - self.net.simulation.moving.bodies.attitude.size
-        now, left = net.state_vector(), self._left
-        if not (
-            self.left_at == net.time
-            and np.array_equal(left[:exact], now[:exact])
-            and np.allclose(left[exact:], now[exact:], rtol=0.0, atol=_ROUND_OFF)
-        ):
-            raise InputError(
-                f"Coupler: the net, at t = {net.time:.9g} s, is not where the coupling left it: "
-                "restore net and host by a snapshot of the coupling, which contains the steps before, or "
-                "make a new Coupler with both at the start"
-            )
-
-    def record(self, loads: PortLoads, states: tuple[Floats, Floats], *, recoils: bool) -> None:
-        """Record a step that counts.
-
-        states  : (n, 13) of the host's frames at both ends
-        recoils : the step contains the jump of an ejection
-        """
-        self.ledger.record(CountedStep(loads, recoils, *states))
-        self.predictor.keep(loads.begin, states[0], recoils=recoils)
-
-    def snapshot(self, host: Any, discrete: Mapping[str, Floats]) -> CoupledSnapshot:
-        """Return a snapshot with one of the host, and with arrays of the coupling."""
-        own = {"before": self.predictor.as_array(), "ledger": self.ledger.as_array()}
-        return CoupledSnapshot(self.net.ports, self.net.snapshot(), host, own | dict(discrete))
-
-    def restore(
-        self, given: CoupledSnapshot, like: Mapping[str, Floats], restore_host: Callable[[Any], object]
-    ) -> Mapping[str, Floats]:
-        """Restore net and host, and return the arrays of the coupling.
-
-        like : arrays of the coupling as they are now
-        Raises InputError for a snapshot of another coupling, net or host; net and coupling are then
-        unchanged.
-        """
-        net = self.net
-        if not isinstance(given, CoupledSnapshot):
-            words = "requires a result of `snapshot` or `CoupledSnapshot.load`"
-            raise InputError(f"Coupler: restore: {words}, got {given!r}")
-        if given.ports != net.ports:
-            raise InputError(
-                f"Coupler: restore: the snapshot of t = {given.time:g} s is of a coupling with ports "
-                f"{', '.join(given.ports)}, this is one with {', '.join(net.ports)}"
-            )
-        own, discrete = (
-            {"before": self.predictor.as_array(), "ledger": self.ledger.as_array()},
-            given.discrete,
-        )
-        if discrete.keys() != own.keys() | like.keys() or any(
-            part.shape != discrete[name].shape
-            for name, part in (own | dict(like)).items()
-            if name != _MAY_BE_EMPTY or (len(part) and len(discrete[name]))
-        ):
-            raise InputError(f"Coupler: restore: the snapshot of t = {given.time:g} s is damaged")
-        net.finish()
-        here = net.snapshot()
-        net.restore(given.net)
-        try:
-            restore_host(given.host)
-        except BaseException:
-            net.restore(here)
-            raise
-        self.predictor = Predictor.of_array(discrete["before"])
-        self.ledger.set_array(discrete["ledger"])
-        self.history = StepHistory(net)
-        self.leave()
-        return discrete

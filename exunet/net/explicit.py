@@ -23,7 +23,8 @@ from exunet.net.arrays import Floats, Ints, Mesh, edge_of
 from exunet.net.base import Cable, ThrownNetConfig, no_node, other_length
 from exunet.net.weave import planar_openings
 
-Pair = Annotated[tuple[int, int], FromArray]
+Index = Annotated[int, Field(ge=0, lt=2**63)]
+Pair = Annotated[tuple[Index, Index], FromArray]
 File = Annotated[str, Field(min_length=1)]
 ThreadName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 _COLUMNS = {"nodes_file": (("x", "y", "z"), "mass"), "elements_file": (("i", "j"), "thread")}

@@ -187,8 +187,8 @@ def _run(
     return {
         "title": str(title),
         "verdict": "" if result.complete else f"INCOMPLETE: {result.verdict}",
-        "size_words": f"{net.n_nodes} nodes, {net.n_elements} elements, {len(frames)} of "
-        f"{len(result.time)} stored states",
+        "size_words": f"nodes: {net.n_nodes}, elements: {net.n_elements}, stored states: {len(frames)} of "
+        f"{len(result.time)}",
         "nodes": net.n_nodes,
         "netNodes": net.n_net_nodes if net.n_net_elements else net.n_nodes,
         "size": _size(net, high - low),

@@ -306,7 +306,7 @@ def _warnings(summary: Summary) -> Iterator[str]:
         yield f"bodies {' and '.join(item['bodies'])} overlap {when}: contact between them is not enabled"
     for item in summary["threads_inside"]:
         when = f"first element {item['element']} at {item['first_s']:.4g} s"
-        yield f"{item['elements']} elements went through '{item['body']}' ({when}): contact of threads is off"
+        yield f"elements through '{item['body']}': {item['elements']} ({when}); contact of threads is off"
     if (script := summary["script"]) is not None:
         yield from script["used_up"]
         if script["never"]:
@@ -315,7 +315,7 @@ def _warnings(summary: Summary) -> Iterator[str]:
             yield f"script: never reached: {names}"
     if broken := summary["broken"]:
         worst = max(item["energy_excess"] for item in broken)
-        yield f"{len(broken)} elements broke; they held at most {worst:.2%} more energy than at the limit"
+        yield f"broken elements: {len(broken)}, with at most {worst:.2%} more energy than at the limit"
 
 
 def _details(summary: Summary) -> Iterator[tuple[str, str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import tomllib
@@ -16,7 +15,7 @@ import tomli_w
 from pydantic import BaseModel
 
 from exunet.base.errors import CaseError, Fault, InputError
-from exunet.base.key_path import KeyPath, closest, dotted, key_path, leaves, place_of
+from exunet.base.key_path import KeyPath, closest, dotted, key_path, place_of
 from exunet.base.validation import Located, is_chosen_name
 
 _TOKEN = re.compile(
@@ -377,20 +376,6 @@ def misspelt(found: list[Located], changes: list[Override]) -> list[Located]:
 
 
 # Lines of faults
-
-
-def take_huge_integers(document: dict[str, Any]) -> list[KeyPath]:
-    """Where whole numbers of more than 64 bits stand, which TOML does not have but tomllib accepts.
-
-    They are replaced by NaN, which no key accepts.
-    """
-    found = [
-        path for path, value in leaves(document) if isinstance(value, int) and not -(2**63) <= value < 2**63
-    ]
-    for path in found:
-        holder, key, *_ = place_of(document, path, make=False)
-        holder[key] = math.nan
-    return found
 
 
 def located(found: list[Located], text: str, path: Path, changes: list[Override]) -> list[Fault]:

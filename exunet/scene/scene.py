@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, Tag, ValidationError, field_validator
+from pydantic import Field, Tag, field_validator
 
 from exunet.base.arguments import shown
 from exunet.base.errors import CaseError, Fault, InputError, within
@@ -29,7 +29,7 @@ from exunet.base.record import (
     unlocated,
 )
 from exunet.base.times import reached
-from exunet.base.validation import Located, explained
+from exunet.base.validation import Located, validated_record
 from exunet.bodies import config as bodies
 from exunet.bodies.config import Bodies, Placed, Quaternion
 from exunet.forces import corner_units, effects
@@ -55,7 +55,6 @@ from exunet.scene.document import (
     overridden,
     place_files,
     read_text,
-    take_huge_integers,
     text_of,
 )
 from exunet.scene.script import ScriptEntry
@@ -79,7 +78,9 @@ class Time(Record):
     TABLE: ClassVar = "time"
     EXACTLY_ONE: ClassVar = ("output_step", "output_times")
 
-    end: Positive = Field(description="end of the simulation [s]; it starts at 0", examples=[2.0])
+    end: Annotated[float, Field(ge=SHORTEST)] = Field(
+        description="end of the simulation [s]; it starts at 0", examples=[2.0]
+    )
     output_step: Positive | None = Field(
         None, description="spacing of the stored states [s]: k output_step and end", examples=[0.005]
     )
@@ -89,13 +90,6 @@ class Time(Record):
         "stored anyway",
         examples=[[0.5, 1.0]],
     )
-
-    @field_validator("end")
-    @classmethod
-    def _measurable(cls, end: float) -> float:
-        if end < SHORTEST:
-            raise ValueError(f"must be at least {SHORTEST:g} s, got {end:g}")
-        return end
 
     def faults(self) -> Iterator[Fault]:
         """Require stored times that increase until the end, and not too many."""
@@ -492,12 +486,7 @@ def parse_scene(text: str, path: Path, overrides: Sequence[str] = ()) -> Scene:
 def _validated(document: dict[str, Any], folder: Path) -> tuple[Scene | None, list[Located]]:
     """The scene of a document with names of files relative to a folder, or None and every fault."""
     place_files(document, folder)
-    huge = take_huge_integers(document)
-    try:
-        return Scene.model_validate(document), []
-    except ValidationError as error:
-        found = [fault for fault in explained(error, Scene) if not set(fault[0]) & set(huge)]
-    return None, [*found, *(((place,), "is outside the 64-bit whole numbers of TOML") for place in huge)]
+    return validated_record(document, Scene)
 
 
 def _engine(scene: Scene) -> Iterator[Fault]:

@@ -94,25 +94,6 @@ def condition_of(text: str) -> Condition:
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
 
-Deed = Literal[
-    "eject",
-    "close",
-    "reel",
-    "pay_out",
-    "brake",
-    "lock",
-    "release",
-    "cut",
-    "thrust",
-    "set",
-    "control",
-    "release_control",
-    "checkpoint",
-    "note",
-    "stop",
-]
-
-
 class Action(NamedTuple):
     """Action of an entry.
 
@@ -151,6 +132,10 @@ ACTIONS = {
     "note": Action("", (), (), "nothing: records an event, which others may follow"),
     "stop": Action("", ("verdict",), ("verdict",), "ends the run"),
 }
+if TYPE_CHECKING:
+    Deed = str
+else:  # made from the table, which a type checker cannot follow
+    Deed = Literal[(*ACTIONS,)]
 
 
 _LOAD = ("force", "torque")
@@ -438,12 +423,12 @@ NEEDS = {
 class Bounds:
     """Bounds of a parameter that a script may set.
 
-    least, most : bounds; `open` : `least` is excluded
-    because     : reason of the upper bound
-    why         : why a script cannot set it in this scene; "" if it can
+    most     : upper bound; the lower one is 0
+    open     : 0 is excluded
+    because  : reason of the upper bound
+    why      : why a script cannot set it in this scene; "" if it can
     """
 
-    least: float = 0.0
     most: float = math.inf
     open: bool = False
     because: str = ""
@@ -451,9 +436,9 @@ class Bounds:
 
     def fault(self, value: float) -> str:
         """Return the error of a value; "" if it is valid."""
-        if self.least < value <= self.most or (value == self.least and not self.open):
+        if 0.0 < value <= self.most or (value == 0.0 and not self.open):
             return ""
-        words = f"must be {'greater than' if self.open else 'not less than'} {self.least:g}"
+        words = f"must be {'greater' if self.open else 'not less'} than 0"
         if math.isfinite(self.most):
             words += f" and not above {self.most:g}{self.because}"
         return f"{words}, got {value:g}"
@@ -475,11 +460,11 @@ def settable(scene: Any, drives: Mapping[str, Any]) -> dict[str, Bounds]:
         why = f"tether {name!r} has a reel, whose outlet keeps its stiffness" if tether.reel else ""
         if breaks:
             why = "excludes [effects.breaking], whose limits follow from the stiffness of the case"
-        bounds[f"{name}.youngs_modulus"] = Bounds(0.0, tether.modulus, True, _STIFFEST, why)
+        bounds[f"{name}.youngs_modulus"] = Bounds(tether.modulus, True, _STIFFEST, why)
     for name, drive in drives.items():
         why = _commanded(name) if drive.commands else ""
         fastest = math.inf if drive.largest_rate is None else drive.largest_rate
-        bounds[f"{name}.rate"] = Bounds(0.0, fastest, True, _FASTEST, why)
+        bounds[f"{name}.rate"] = Bounds(fastest, True, _FASTEST, why)
         weak = f"needs a damping of drive {name!r}" if drive.damping is None else ""
         bounds[f"{name}.force"] = Bounds(why=why or weak)
     return bounds

@@ -381,9 +381,8 @@ class BothCodes(Matched):
         return whole, formulas.response(system, state.time, whole, Mode(self.intact_in_reference(state)))
 
     def probe(self) -> Probe:
-        """The engine's equations of motion, in the form that also has derivatives."""
-        implicit = Plan(Method.GENERALIZED_ALPHA, step=1e-6)
-        return Probe(build(self.start.system, self.start.state, implicit))
+        """The engine's equations of motion."""
+        return Probe(build(self.start.system, self.start.state, Plan(Method.RK44)))
 
     def on_backend(self, backend: Backend) -> BothCodes:
         """The same case on a backend; the compiled loop needs Numba to run."""

@@ -1,4 +1,4 @@
-"""Figures of the report: curves over time on a logarithmic scale, bands, and convergence."""
+"""Figures of the report: curves over time on a logarithmic scale, and convergence."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from exunet.plots.style import BLACK, BLUE, CURVES, blank
+from exunet.plots.style import BLACK, CURVES, blank
 from exunet.verification.check import Floats, Picture
 
 LEAST = 1e-17  # [m], where logarithmic scales show zeros
@@ -24,47 +24,21 @@ def picture(name: str, figure: Figure, caption: str) -> Picture:
     return Picture(name, png.getvalue(), caption)
 
 
-def curves(title: str, time: Floats, lines: Mapping[str, Floats], marks: Mapping[str, float]) -> Figure:
-    """Draw differences of positions (t,) [m] over time [s], logarithmic; marks are named instants."""
+def curves(title: str, time: Floats, lines: Mapping[str, Floats], horizon: float) -> Figure:
+    """Draw differences of positions (t,) [m] over time [s], logarithmic, and the horizon [s]."""
     figure = blank(6.4, 3.8)
     axes = figure.add_axes((0.12, 0.13, 0.84, 0.77))
     figure.suptitle(title, fontsize=10)
     for (label, line), style in zip(lines.items(), CURVES, strict=False):
         seen = np.where(line > LEAST, line, np.nan) if np.any(line > LEAST) else np.full_like(line, LEAST)
         axes.plot(time, seen, label=label, **(style | {"marker": ""}))
-    _mark(axes, marks, float(time[-1]))
+    if horizon <= time[-1]:
+        label = f"horizon, t = {horizon:.3g} s"
+        axes.axvline(horizon, color=BLACK, linewidth=0.9, linestyle="--", label=label)
     axes.set(xlabel="time [s]", ylabel="largest difference of a position [m]", yscale="log")
     axes.set_xlim(float(time[0]), float(time[-1]))
     _gridded(axes)
     axes.legend(loc="best")
-    return figure
-
-
-def bands(
-    title: str, time: Floats, panels: Mapping[str, tuple[Floats, str]], marks: Mapping[str, float]
-) -> Figure:
-    """Draw ensembles (runs, t) over time: mean, standard deviation and extremes, one row each.
-
-    panels : y label -> (values, name); marks : named instants [s]
-    """
-    figure = blank(6.4, 1.9 * len(panels) + 0.9)
-    figure.suptitle(title, fontsize=10)
-    grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, (label, (values, name)) in zip(grid, panels.items(), strict=True):
-        mean, spread = values.mean(axis=0), values.std(axis=0)
-        shaded = {"label": "all runs", "color": "0.88", "linewidth": 0}
-        axes.fill_between(time, values.min(axis=0), values.max(axis=0), **shaded)
-        shaded |= {"label": "mean ± standard deviation", "color": "0.68"}
-        axes.fill_between(time, mean - spread, mean + spread, **shaded)
-        axes.plot(time, mean, color=BLUE, linewidth=1.4, label="mean")
-        _mark(axes, marks, float(time[-1]))
-        axes.set(ylabel=label, ylim=(0.0, 1.05 * float(values.max())))
-        axes.set_title(name, fontsize=9)
-        _gridded(axes)
-    grid[-1].set(xlabel="time [s]", xlim=(float(time[0]), float(time[-1])))
-    figure.legend(*grid[0].get_legend_handles_labels(), loc="lower center", ncols=4, frameon=False)
-    height = figure.get_figheight()
-    figure.subplots_adjust(left=0.12, right=0.97, top=1 - 0.6 / height, bottom=0.85 / height, hspace=0.35)
     return figure
 
 
@@ -93,10 +67,3 @@ def convergence(
 def _gridded(axes: Axes) -> None:
     axes.grid(color="0.92", linewidth=0.6)
     axes.set_axisbelow(True)
-
-
-def _mark(axes: Axes, marks: Mapping[str, float], end: float) -> None:
-    """Vertical lines at the instants [s] that lie before the end."""
-    for label, instant in marks.items():
-        if instant <= end:
-            axes.axvline(instant, color=BLACK, linewidth=0.9, linestyle="--", label=label)

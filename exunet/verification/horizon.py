@@ -25,70 +25,43 @@ from exunet.model.limits import largest_damping_rate, largest_frequency, stable_
 from exunet.net.areas import achievable_area, mouth_area
 from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
-from exunet.studies.ensemble import PAPER_SIZE, SEED, SMALL_MOVE, nearby_start, tracked_speeds
+from exunet.studies.ensemble import PAPER_SIZE, SEED, nearby_start, tracked_speeds
 from exunet.verification.check import Check, Finding, skipped
-from exunet.verification.figures import bands, curves, picture
+from exunet.verification.figures import curves, picture
 from exunet.verification.tolerances import RAN, SAME_STATISTICS
 
 ROUND_OFF = 1e-16 / PAPER_SIZE
 VISIBLE = 1e-3 / PAPER_SIZE  # the horizon is where `ROUND_OFF` has grown to this
 AMPLITUDE = 1e-6 / PAPER_SIZE  # of the starts of ensembles
-AMPLITUDES = (ROUND_OFF, SMALL_MOVE)  # of the perturbation of each coordinate
 GROWTH_SEEDS = (SEED, SEED + 1, SEED + 2)  # of the perturbations of the last bits
 STATES = 400  # stored states of a run; they also divide it into intervals
 STEP_PART = 0.25  # of the stable step: RK44 then keeps the energy of a snapping net to 1 %
 MOST_WORK = 20_000_000  # elements x steps of one run
-LINEAR = 1e-3 / PAPER_SIZE  # differences above this are no longer proportional to those of the start
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Differences between a motion and its perturbed neighbours; lengths are parts of the size of the net.
+    """Distance between a motion and its neighbours with starts `ROUND_OFF` apart.
 
     Parameters
     ----------
     time : (t,) [s]
-    amplitudes : (k,)
-    difference : (k, t)
-        Largest distance between both positions of a node; for `ROUND_OFF` the largest over `GROWTH_SEEDS`.
-    rates : (k,) [1/s]
-        Exponential rate fitted where the difference is 10 to 1e7 times its amplitude, but below `LINEAR`; NaN
-        where it does not grow so far, or is round-off.
+    distance : (t,)
+        Largest distance between both positions of a node, over `GROWTH_SEEDS`; a part of the net's size.
     """
 
     time: Floats
-    amplitudes: Floats
-    difference: Floats
-    rates: Floats
-
-    @property
-    def rate(self) -> float:
-        """Mean of the fitted rates [1/s]; 0 if no difference grows."""
-        fitted = self.rates[np.isfinite(self.rates)]
-        return float(fitted.mean()) if len(fitted) else 0.0
+    distance: Floats
 
     @property
     def horizon(self) -> float:
-        """Time [s] at which starts `ROUND_OFF` apart are `VISIBLE` apart; infinite if not in this run.
+        """Time [s] at which the motions are `VISIBLE` apart; infinite if not in this run.
 
-        Measured: between snaps differences hardly grow, so no mean rate gives it. It contains the round-off
+        Measured: between snaps distances hardly grow, so no mean rate gives it. It contains the round-off
         of the steps: it is what a calculation in double precision can predict.
         """
-        return self.reaches(ROUND_OFF)
-
-    @property
-    def named_horizon(self) -> dict[str, float]:
-        """Label in figures, and the horizon."""
-        return {f"horizon, t = {self.horizon:.3g} s": self.horizon}
-
-    def reaches(self, amplitude: float, level: float = VISIBLE) -> float:
-        """Return the time [s] at which starts `amplitude` apart are `level` apart; infinite if never."""
-        at = np.flatnonzero(self.of(amplitude) >= level)
+        at = np.flatnonzero(self.distance >= VISIBLE)
         return float(self.time[at[0]]) if len(at) else math.inf
-
-    def of(self, amplitude: float) -> Floats:
-        """Return the difference (t,) from a start perturbed by one of the `amplitudes`."""
-        return self.difference[int(np.flatnonzero(self.amplitudes == amplitude)[0])]
 
 
 def with_tolerance(case: BothCodes, method: str, tolerance: float) -> Plan:
@@ -131,49 +104,32 @@ def distances(a: Trajectory, b: Trajectory) -> Floats:
     return np.asarray(np.linalg.norm(a.position - b.position, axis=-1))
 
 
-def growth(case: BothCodes, end: float | None = None, amplitudes: tuple[float, ...] = AMPLITUDES) -> Growth:
-    """Perturb the start of a case and follow the differences, up to `end` [s] at most."""
+def growth(case: BothCodes, end: float | None = None) -> Growth:
+    """Perturb the start of a case and follow the distances, up to `end` [s] at most."""
     times, plan = grid(case, end)
     fast = case.fastest()
     base = fast.run_exunet(times, plan)
-    difference = np.zeros((len(amplitudes), len(times)))
-    for row, amplitude in zip(difference, amplitudes, strict=True):
-        for seed in GROWTH_SEEDS if amplitude == ROUND_OFF else GROWTH_SEEDS[:1]:
-            other = nearby(fast, amplitude, seed).run_exunet(times, plan)
-            np.maximum(row, distances(base, other).max(axis=1) / case.size, out=row)
-    rates = [_rate(times, row, a) for row, a in zip(difference, amplitudes, strict=True)]
-    return Growth(times, np.array(amplitudes), difference, np.array(rates))
-
-
-def _rate(time: Floats, difference: Floats, amplitude: float) -> float:
-    envelope = np.maximum.accumulate(difference)
-    rising = np.flatnonzero((envelope > 10 * amplitude) & (envelope < min(LINEAR, 1e7 * amplitude)))
-    if amplitude == ROUND_OFF or len(rising) < 5 or envelope[rising[-1]] < 1e3 * envelope[rising[0]]:
-        return math.nan
-    return float(np.polyfit(time[rising], np.log(envelope[rising]), 1)[0])
+    others = (nearby(fast, ROUND_OFF, seed).run_exunet(times, plan) for seed in GROWTH_SEEDS)
+    apart = [distances(base, other).max(axis=1) / case.size for other in others]
+    return Growth(times, np.maximum.reduce(apart))
 
 
 def sensitivity(case: BothCodes, grown: Growth) -> Iterator[Finding]:
-    """Measure rate of growth and horizon; a difference that is not finite fails and ends the comparison."""
+    """Measure the horizon; a distance that is not finite fails and ends the comparison."""
     horizon, size = grown.horizon, case.size
-    wrong = np.argwhere(~np.isfinite(grown.difference))
+    wrong = np.flatnonzero(~np.isfinite(grown.distance))
     if len(wrong):
-        row, at = wrong[0]
-        where = f"first: start moved by {grown.amplitudes[row] * size:.0e} m, t = {grown.time[at]:.4g} s"
-        yield Check("differences that are NaN or infinite", len(wrong), RAN, where)
+        where = f"first: t = {grown.time[wrong[0]]:.4g} s"
+        yield Check("distances that are NaN or infinite", len(wrong), RAN, where)
         return
-    yield Check("rate of growth [1/s]", 0.0, None, value=grown.rate)
     apart = f"starts {ROUND_OFF * size:.0e} m apart are {VISIBLE * size:.0e} m apart"
     where = f"{apart}: the earliest of {len(GROWTH_SEEDS)}, to {grown.time[1]:.2g} s"
     if not math.isfinite(horizon):
-        where = (
-            f"not before t = {grown.time[-1]:.3g} s: largest {size * float(grown.of(ROUND_OFF).max()):.2g} m"
-        )
+        where = f"not before t = {grown.time[-1]:.3g} s: largest {size * float(grown.distance.max()):.2g} m"
     yield Check("horizon [s]", 0.0, None, where, value=horizon)
-    labels = [f"start moved by {a * size:.0e} m" for a in grown.amplitudes]
-    lines = dict(zip(labels, size * grown.difference, strict=True))
+    lines = {f"start moved by {ROUND_OFF * size:.0e} m": size * grown.distance}
     title = f"{case.name}: distance from the unperturbed motion"
-    figure = curves(title, grown.time, lines, grown.named_horizon)
+    figure = curves(title, grown.time, lines, horizon)
     caption = f"Growth of perturbations of the start of {case.name}. Vertical line: {apart}."
     yield picture(f"growth_{case.name}", figure, caption)
 
@@ -186,12 +142,7 @@ CODES = ("exunet", "reference")
 RUNS = {"exunet": 48, "reference": 8}
 SEEDS = {"exunet": 1000, "reference": 2000}  # each code draws its own starts
 TIMES = 40
-# Quantities of `Statistics`: label with unit, name.
-MEANS = {
-    "area": ("area / achievable", "Mouth area"),
-    "energy": ("energy / start", "Kinetic and elastic energy"),
-    "speed": ("bullet speed [m/s]", "Mean speed of the bullets"),
-}
+MEANS = ("area", "energy", "speed")  # quantities of `Statistics`
 
 
 @dataclass(frozen=True)
@@ -217,12 +168,12 @@ class Statistics:
     speed: Floats
 
 
-def statistics(case: BothCodes, code: str, runs: int | None = None) -> Statistics:
+def statistics(case: BothCodes, code: str) -> Statistics:
     """Run perturbed starts in exunet (DOPRI5) or in the reference (RK45)."""
     end, net = grid(case)[0][-1], case.start.net
     times, fast, plan = np.linspace(0.0, end, TIMES + 1), case.fastest(), best_plan(case, TOLERANCE)
     rows = []
-    for number in range(runs or RUNS[code]):
+    for number in range(RUNS[code]):
         start = nearby(fast, AMPLITUDE, SEEDS[code] + number)
         if code == "exunet":
             found = start.run_exunet(times, plan)
@@ -238,7 +189,7 @@ def statistics(case: BothCodes, code: str, runs: int | None = None) -> Statistic
     return Statistics(code, times, *(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def beyond(case: BothCodes) -> Iterator[Finding]:
+def beyond(case: BothCodes) -> Iterator[Check]:
     """Compare means of perturbed runs of both codes, where the runs have separated.
 
     A value that is not finite fails and ends the comparison.
@@ -248,11 +199,6 @@ def beyond(case: BothCodes) -> Iterator[Finding]:
         yield from wrong
         return
     yield from (same_mean(name, ours, theirs) for name in MEANS)
-    panels = {label: (getattr(ours, name), title) for name, (label, title) in MEANS.items()}
-    perturbed = f"{len(ours.area)} runs, starts perturbed by {AMPLITUDE * case.size:.0e} m"
-    figure = bands(f"{case.name}: {perturbed}", ours.time, panels, {})
-    caption = f"{case.name}: mean, standard deviation and extremes of {perturbed}: what remains predictable."
-    yield picture(f"ensemble_{case.name}", figure, caption)
 
 
 def same_mean(name: str, ours: Statistics, theirs: Statistics) -> Check:

@@ -15,12 +15,10 @@ from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import core_as_solid
-from exunet.forces import cable
 from exunet.forces.contact.self_contact import LEAST
 from exunet.forces.contact.sphere_contact import bullets_of, nodes_of
 from exunet.forces.effects.contact import Contact
 from exunet.forces.effects.self_contact import SelfContact
-from exunet.forces.law import green_lagrange_strain
 from exunet.model.ejection import HELD
 from exunet.model.system import State, System
 from exunet.net.arrays import Ints, Net
@@ -109,10 +107,7 @@ def _table(name: str, keys: dict[str, Any]) -> str:
 
 
 KINDS = ("packed", "slack", "taut", "overstretched", "coincident", "crumpled")
-HALF_SLACK = "half slack"
-NO_HALF_SLACK = "no stretch of this net makes some elements taut and others slack, away from the transition"
 INTACT = 0.9  # of the elements, where some have broken
-CLEAR_OF_THE_KINK = 1e-4  # strains below this are in neither state for a numerical derivative
 
 
 def random_states(
@@ -198,26 +193,6 @@ def _drawn(system: System) -> tuple[str, float, float] | None:
     if (edge := system.forces.cable.shortening) is not None:
         return f"{NAME}/part", edge.perimeter.part, 1.0
     return None
-
-
-def smooth_states(net: Net, random: np.random.Generator) -> dict[str, Floats]:
-    """Draw a taut and a half-slack position (n, 3) [m] with every strain well away from zero.
-
-    Half slack is the net stretched by unequal amounts along three random axes. It is absent if no draw makes
-    some elements taut and others slack (as of a net of one element).
-    """
-    mesh = float(net.reference_length.min())
-    x = net.reference_position
-    states = {"taut": x * 1.02 + _ball(random, net.n_nodes, 2e-3 * mesh)}
-    for _ in range(200):
-        axes = _rotation(random)
-        stretch = axes @ np.diag(random.uniform(0.9, 1.06, size=3)) @ axes.T
-        position = x @ stretch
-        strain = green_lagrange_strain(cable.lengths(net, position), net.reference_length)
-        if strain.min() < 0 < strain.max() and np.abs(strain).min() > CLEAR_OF_THE_KINK:
-            states[HALF_SLACK] = position
-            break
-    return states
 
 
 def _ball(random: np.random.Generator, count: int, radius: float) -> Floats:

@@ -21,16 +21,15 @@ from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.answers import ANSWERS
 from exunet.verification.answers.orders import orders
 from exunet.verification.check import Check, Finding
-from exunet.verification.cross_code import STATES, at_states, matrices
+from exunet.verification.cross_code import STATES, at_states
 from exunet.verification.horizon import beyond
 from exunet.verification.random_states import random_topologies, topology
 from exunet.verification.tolerances import RAN
 from exunet.verification.trajectories import boosted_run, closing_run, contact_run, whole_run
 
-NETS, AT_STATES, MATRICES, RUNS, BEYOND, KNOWN, ORDERS = SECTIONS = (
+NETS, AT_STATES, RUNS, BEYOND, KNOWN, ORDERS = SECTIONS = (
     "Net, masses and start",
     "Forces, energies and momenta at random states",
-    "Matrices",
     "Trajectories up to the horizon",
     "Statistics beyond the horizon",
     "Known answers",
@@ -48,16 +47,16 @@ ENDS = {
 NOT_FOLLOWED = ("planar_deployment_006", "trajectories/thrown_fine", "trajectories/thrown_undamped")
 PAPER = "planar_deployment"
 Follow = Callable[[BothCodes, float | None], Iterable[Finding]]
-# Shipped cases by folder: whether matrices are compared, and what follows a run.
-FOLDERS: dict[str, tuple[bool, Follow | None]] = {
-    "": (True, whole_run),
-    "verification/trajectories": (True, whole_run),
-    "bodies": (False, whole_run),
-    "effects": (False, None),
-    "verification/bodies": (False, None),
-    "verification/contact": (False, contact_run),
-    "verification/self_contact": (False, None),
-    "verification/closing": (False, closing_run),
+# Shipped cases by folder: what follows a run.
+FOLDERS: dict[str, Follow | None] = {
+    "": whole_run,
+    "verification/trajectories": whole_run,
+    "bodies": whole_run,
+    "effects": None,
+    "verification/bodies": None,
+    "verification/contact": contact_run,
+    "verification/self_contact": None,
+    "verification/closing": closing_run,
 }
 
 
@@ -126,12 +125,10 @@ def suite(paths: Sequence[Path] = (), states: int = STATES, *, compiled: bool = 
         distinct = {path.resolve(): path for path in paths}
         return [item for path in distinct.values() for item in _named(path, states, compiled)]
     items = [Item(NETS, f"{RANDOM_NETS} random nets", partial(random_topologies, RANDOM_NETS))]
-    for folder, (with_matrices, follow) in FOLDERS.items():
+    for folder, follow in FOLDERS.items():
         for name, path in shipped(folder).items():
             subject = f"{folder.removeprefix('verification/')}/{name}".lstrip("/")
             items += _at_states(path, subject, states, compiled)
-            if with_matrices:
-                items.append(Item(MATRICES, subject, partial(_on, path, matrices)))
             if follow and subject not in NOT_FOLLOWED:
                 items.append(Item(RUNS, subject, partial(_on, path, follow, ENDS.get(subject))))
     for case, answer, quick in ANSWERS:
@@ -159,7 +156,6 @@ def _named(path: Path, states: int, compiled: bool) -> Iterator[Item]:
     if case.start.net.n_elements > MOST_ELEMENTS or case.touches_itself:
         return
     if of_points:
-        yield Item(MATRICES, subject, partial(_on, path, matrices))
         yield Item(BEYOND, subject, partial(_on, path, beyond))
     closes = case.closes and not case.moves_bodies
     follow = contact_run if case.in_contact else closing_run if closes else whole_run

@@ -41,22 +41,6 @@ CLOSED_RUN = Tolerance(
 )
 CLOSED_WORK = Tolerance(1e-6, "of the largest work: as CLOSED_RUN; 3e-9 was seen")
 CLOSED_ENERGY = Tolerance(1e-8, "of the largest kinetic energy: as ENERGY; 4e-10 was seen")
-MASS = Tolerance(1e-14, "of the largest mass: both codes add halves of the same element masses")
-DAMPING = Tolerance(1e-12, "of the largest entry: a constant matrix, assembled in another order")
-STIFFNESS = Tolerance(3e-6, "of the largest entry: the engine differentiates in steps of 1e-8; 3e-7 was seen")
-DIFFERENCED = Tolerance(1e-7, "of the largest entry: differences over 1e-6 of the shortest element: 1e-9")
-RESOLVED = Tolerance(
-    0.02,
-    "differences are parts of this where it exceeds the largest entry: tensions differentiated by velocities "
-    "in steps of 1e-8 m/s have a round-off of 1e-8 s/m x E A",
-    "s/m x E A",
-)
-RESOLVED_BY_STEPS = Tolerance(
-    1e-7,
-    "likewise of the reference's forces differenced in steps of 3e-3 m/s and more: 2e-16 x E A of a tension "
-    "near 0.02 E A over the step, 1e-15 s/m x E A, is 1e-8 of this",
-    "s/m x E A",
-)
 RAN = Tolerance(0.0, "a run that stops leaves nothing to compare")
 CONVERGED = Tolerance(1e-6, "of size and v0: what ten times the tolerance changes; a tenth of TRAJECTORY")
 LEFT_OUT = Tolerance(
@@ -138,7 +122,6 @@ HARD_NEAR_LIMIT = Tolerance(
 HARD_MOMENTUM = Tolerance(1e-12, "internal forces cancel in pairs: round-off, 6e-15 seen", "of sum m|v|")
 HARD_ANGULAR = Tolerance(1e-10, "central forces: moments cancel; 6e-14 seen", "of sum m|x||v|")
 HARD_ANGULAR_FIXED = Tolerance(1e-8, "RK44 at a hundred steps a period; 7e-10 seen", "of sum m|x||v|")
-HARD_DRIFT = Tolerance(2e-4, "1.7e-4 would reach HARD_LONG in 60 s; a fifth more for chance", "of E0 / s")
 HARD_TREND = Tolerance(3.0, "mean change in a second over its standard error: less without a trend", "sigma")
 HARD_REVOLUTIONS = Tolerance(0.5, "of 100: radius and rate swing by 2e-3 as it stretches", "revolutions")
 HARD_TAUT = Tolerance(0.0, "its rotation holds every element taut at every stored time")
@@ -157,7 +140,6 @@ HARD_EXACT_TIMES = Tolerance(0.0, "stored times are the requested ones, to the l
 HARD_POSITIONS = Tolerance(1e-3, "RK44 at a tenth of its stable step, 0.08 s after a snap; 2e-4 seen", "m")
 HARD_BOUND = Tolerance(ENERGY_BOUND, "the guards' own bound: a run that ends is within it", "of E0")
 HARD_BY_GUARD = Tolerance(0.0, "a run that does not end was stopped by a guard, for its energy")
-HARD_EXACT = Tolerance(1e-9, "the energy-momentum method keeps it to its Newton tolerance", "of E0")
 HARD_REFUSED = Tolerance(0.0, "a step above the stable one does not run, unless it is forced")
 HARD_CAUGHT = Tolerance(0.0, "forced, it grows by 1.2 a step: the guards stop it")
 HARD_REBOUND = Tolerance(2e-5, "the law is exact, RK44 takes 60 steps an impact; 2e-6 was seen", "of v0")

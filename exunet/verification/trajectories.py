@@ -14,14 +14,7 @@ from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.ensemble import tracked_speeds
 from exunet.verification.check import Check, Finding, difference, skipped
 from exunet.verification.figures import curves, picture
-from exunet.verification.horizon import (
-    ROUND_OFF,
-    Growth,
-    best_plan,
-    distances,
-    growth,
-    sensitivity,
-)
+from exunet.verification.horizon import Growth, best_plan, distances, growth, sensitivity
 from exunet.verification.tolerances import (
     ANGULAR,
     BOOKED,
@@ -100,6 +93,11 @@ def energies(case: BothCodes, motion: Trajectory, tolerance: Tolerance) -> Conse
     return ConservedQuantity("energy", "J", total[:, None], float(moving.max()), tolerance)
 
 
+def conserved(case: BothCodes, motion: Trajectory, linear: Tolerance = MOMENTUM) -> list[ConservedQuantity]:
+    """Return momenta and energy of a run without external forces."""
+    return [*momenta(case, motion, linear, ANGULAR), energies(case, motion, ENERGY)]
+
+
 def changes(balances: list[ConservedQuantity], times: Floats, code: str) -> Iterator[Check]:
     """Check the largest change of each balance at the given times."""
     for balance in balances:
@@ -130,7 +128,7 @@ def whole_run(case: BothCodes, end: float | None = None) -> Iterator[Finding]:
 def boosted_run(case: BothCodes) -> Iterator[Finding]:
     """Follow a case in a moving frame, where a symmetric start does not keep the codes together."""
     if moving := boosted(case):
-        yield from converged(moving, growth(case, amplitudes=(ROUND_OFF,)))
+        yield from converged(moving, growth(case))
 
 
 def boosted(case: BothCodes) -> BothCodes | None:
@@ -179,7 +177,7 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Finding]:
     apart = {"exunet and reference": distances(ours[-1], theirs[-1]).max(axis=1)}
     apart["reference at two tolerances"] = distances(*theirs).max(axis=1)
     title = f"{case.name}: distance between the codes, each with its best method"
-    figure = curves(title, times, apart, grown.named_horizon)
+    figure = curves(title, times, apart, grown.horizon)
     caption = f"{case.name}: largest distance of a node between the codes. Compared up to the horizon."
     yield picture(f"trajectories_{case.name}", figure, caption)
 
@@ -309,7 +307,7 @@ def _within_own(
 
 def closing_run(case: BothCodes, end: float | None = None) -> Iterator[Check]:
     """Compare positions, length wound up, its work and energies over a run with a closing, to its horizon."""
-    grown = growth(case, end, (ROUND_OFF,))
+    grown = growth(case, end)
     end = min(grown.horizon, float(grown.time[-1]))
     times = np.linspace(0.0, end, INSTANTS // 4 + 1)
     ours = case.fastest().run_exunet(times, best_plan(case, OWN[1]), booked=True)

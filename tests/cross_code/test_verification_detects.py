@@ -16,7 +16,7 @@ from exunet.base.errors import InputError
 from exunet.forces import cable
 from exunet.results import measures as metrics
 from exunet.studies.both_codes import BothCodes, Trajectory, both_of_text, read_both
-from exunet.studies.ensemble import PAPER_SIZE, SMALL_MOVE
+from exunet.studies.ensemble import PAPER_SIZE
 from exunet.verification import horizon, random_states, trajectories
 from exunet.verification.answers import bodies, motions, mouth
 from exunet.verification.answers.bodies import FreeRotation
@@ -24,7 +24,7 @@ from exunet.verification.answers.motions import frequency
 from exunet.verification.answers.orders import ErrorSeries
 from exunet.verification.check import Check, Finding, difference, worst_of
 from exunet.verification.cross_code import compared, measures, motion
-from exunet.verification.horizon import AMPLITUDES, ROUND_OFF, Growth, Statistics, growth, nearby, sensitivity
+from exunet.verification.horizon import ROUND_OFF, Growth, Statistics, growth, nearby, sensitivity
 from exunet.verification.suite import RUNS, Item
 from exunet.verification.tolerances import FORCES
 from reference_impl import body_forces as fields
@@ -89,24 +89,12 @@ def test_one_mass_that_is_nan_fails() -> None:
     assert check.where.startswith("mass: node 3")
 
 
-def made_up(spoilt: Any = None, factor: float = 1.0) -> Growth:
-    """All amplitudes grow at 20/s for 2 s; `spoilt` (amplitude, time) gives where that is NaN."""
-    time, moved = np.linspace(0.0, 2.0, 401), np.array(AMPLITUDES)
-    apart = factor * np.outer(moved, np.exp(20.0 * time))
-    apart = np.where(spoilt and spoilt(moved[:, None], time), NAN, apart)
-    return Growth(time, moved, apart, np.full(len(moved), NAN))
-
-
-@pytest.mark.parametrize(
-    ("spoilt", "count"),
-    [
-        (lambda moved, time: time > 0.5 + 0.0 * moved, 2 * 300),
-        (lambda moved, time: (moved == ROUND_OFF) & (time >= 0.0), 401),
-        (lambda moved, time: (moved == SMALL_MOVE) & (time == 2.0), 1),
-    ],
-)
-def test_a_growth_that_is_nan_fails(spoilt: Any, count: int) -> None:
-    (check,) = sensitivity(read_both(PAPER), made_up(spoilt))
+@pytest.mark.parametrize(("first", "count"), [(101, 300), (0, 401), (400, 1)])
+def test_a_growth_that_is_nan_fails(first: int, count: int) -> None:
+    time = np.linspace(0.0, 2.0, 401)
+    apart = ROUND_OFF * np.exp(20.0 * time)
+    apart[first:] = NAN
+    (check,) = sensitivity(read_both(PAPER), Growth(time, apart))
     assert isinstance(check, Check)
     assert not check.holds
     assert check.error == count
@@ -282,10 +270,7 @@ JUMPS = {0.3: 1e3, 0.5: 1e5, 0.7: 1e2, 0.9: 1e4}  # growth at snaps; nothing gro
 
 
 def test_horizon_of_a_growth_by_jumps_is_the_jump_that_reaches_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1e-16 m times 1e3 1e5 1e2 1e4 passes 1e-3 m at the last jump, 0.9 s.
-
-    A mean rate of what 1e-12 m shows up to 1e-3 m (a factor 1e9, reached at 0.7 s) would give 0.99 s.
-    """
+    """1e-16 m times 1e3 1e5 1e2 1e4 passes 1e-3 m at the last jump, 0.9 s."""
     case = read_both(PAPER)
     case = dataclasses.replace(case, start=case.start.moved(np.zeros_like(case.start.position)))
 
@@ -295,10 +280,8 @@ def test_horizon_of_a_growth_by_jumps_is_the_jump_that_reaches_it(monkeypatch: p
         return Trajectory(times, place, np.zeros_like(place), None, 1, None, None)  # type: ignore[arg-type]
 
     monkeypatch.setattr(BothCodes, "run_exunet", flight)
-    grown = growth(case, 1.0)
-    assert grown.reaches(SMALL_MOVE) == pytest.approx(0.7, abs=0.003)
-    assert grown.horizon == pytest.approx(0.9, abs=0.003)
-    assert grown.reaches(ROUND_OFF, 1e3) == math.inf
+    assert growth(case, 1.0).horizon == pytest.approx(0.9, abs=0.003)
+    assert growth(case, 0.8).horizon == math.inf
 
 
 def test_perturbed_starts_move_the_last_bit_and_keep_velocities() -> None:
@@ -315,7 +298,7 @@ def test_perturbed_starts_move_the_last_bit_and_keep_velocities() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_growth_scales_with_the_size(scale: float) -> None:
-    """The paper's net at 5 mm and 5 km, with equal speeds, moduli and densities: 19.3/s over the scale."""
+    """The paper's net at 5 mm and 5 km, with equal speeds, moduli and densities: its horizon is at 1.38 s."""
     powers = {"end": 1, "output_step": 1, "size": 1, "mesh": 1, "diameter": 1, "length": 1, "mass": 3}
     powers |= {"alpha": -1, "beta": 1}
     lines = []
@@ -324,8 +307,8 @@ def test_growth_scales_with_the_size(scale: float) -> None:
         if key in powers:
             line = f"{key} = {float(rest.split('#')[0]) * scale ** powers[key]!r}"
         lines.append(line)
-    grown = growth(both_of_text("scaled", "\n".join(lines)), scale, (SMALL_MOVE,))
-    assert grown.rate * scale == pytest.approx(19.3, rel=0.02)
+    grown = growth(both_of_text("scaled", "\n".join(lines)), 1.6 * scale)
+    assert grown.horizon / scale == pytest.approx(1.38, rel=0.03)
 
 
 # What the checks are made with
@@ -345,10 +328,6 @@ def test_kinds_of_states_are_what_they_are_called() -> None:
     assert (stretches("coincident") == 0).any(axis=1).all()
     crumpled = stretches("crumpled")
     assert ((crumpled < 1).any(axis=1) & (crumpled > 1).any(axis=1)).all()
-    strain = random_states.smooth_states(net, random)["half slack"]
-    strain = 0.5 * ((np.linalg.norm(strain[j] - strain[i], axis=1) / net.reference_length) ** 2 - 1)
-    assert strain.min() < 0 < strain.max()
-    assert np.abs(strain).min() > random_states.CLEAR_OF_THE_KINK
 
 
 def test_snap_of_two_masses_has_the_known_digits() -> None:

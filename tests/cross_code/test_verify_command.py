@@ -146,9 +146,9 @@ def test_a_process_that_dies_fails_the_items_without_findings() -> None:
 
 
 def test_items_of_a_named_case() -> None:
-    """A net has all sections; bodies that are pulled no matrices; no case has the known answers."""
+    """A net has all sections; bodies that are pulled no statistics; no case has the known answers."""
     net, pulled = ({item.section for item in suite([path])} for path in (PAPER, shipped("bodies")["snap"]))
-    assert len(net) == 5
+    assert len(net) == 4
     assert len(pulled) == 3
     assert {NETS, AT_STATES} <= net & pulled
     assert KNOWN not in net

@@ -93,7 +93,6 @@ def arguments(name: str) -> dict[str, Any]:
         "load": {"path": PLANAR},
         "run": {"case": case()},
         "resume": {"folder": "absent"},
-        "couple": {"mbs": None, "net": None, "ports": {}},
         "add_to": {"mbs": None, "case": case(), "ports": {}},
         "export_fmu": {"case": case(), "path": "absent/own.fmu"},
         "load_result": {"path": "absent"},

@@ -526,7 +526,7 @@ def test_hexagonal_strings_must_reach_the_bridle_and_hold_the_bullets() -> None:
     [
         ({"elements": [[0, 1], [1, 1]]}, ("elements", 1)),
         ({"elements": [[0, 1], [1, 3]]}, ("elements", 1)),
-        ({"elements": [[0, 1], [-1, 0]]}, ("elements", 1)),
+        ({"elements": [[0, 1], [-1, 0]]}, ("elements", 1, 0)),
         ({"nodes": [[0, 0, 0], [1, 0, 0], [1, 0, 0]], "elements": [[0, 1], [1, 2]]}, ("elements", 1)),
         ({"elements": [[0, 1]]}, ("nodes", 2)),
         ({"elements": None}, ("elements",)),

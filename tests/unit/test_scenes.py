@@ -143,6 +143,7 @@ LISTED = ex.ExplicitNet(nodes=np.eye(3), elements=[(0, 1), (1, 2)], cable=CORD)
         (lambda: net(radius=0.5), ["net.radius"]),
         (lambda: ex.Cable(diameter=-1, density=0, youngs_modulus=1.0), ["Cable.diameter", "Cable.density"]),
         (lambda: ex.ExplicitNet(nodes=np.eye(3), elements=[(0, 3)], cable=CORD), ["net.elements[0]"]),
+        (lambda: ex.ExplicitNet(nodes=np.eye(3), elements=[(0, 2**63)], cable=CORD), ["net.elements[0][1]"]),
         (lambda: scene(launch=ex.ConeLaunch(speed=1.0, spread_angle=0.1)), ["launch"]),
         (lambda: scene(net=LISTED, initial=NODES), ["initial.node_positions"]),
         (lambda: scene(capture={"target": "sat", "enclosed": 0.9, "duration": 0.1}), ["capture.target"]),

@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 
 from exunet.base.arrays import Floats
 from exunet.base.record import Record
-from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, PrincipalState, frames_of
+from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, frames_of
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.forces.on_bodies import input_name
 from exunet.model.states import States
@@ -362,9 +362,7 @@ def _of_port(name: str) -> tuple[list[Variable], Read]:
 
 def _reads_body(number: int, frame: FrameOf) -> Read:
     def read(instant: NetInstant) -> Iterator[float]:
-        parts = instant.bodies.parts()
-        state = frame.frame(PrincipalState(*(tuple(part[number].tolist()) for part in parts)))
-        for part in state:
+        for part in frame.frame_in(instant.bodies, number):
             yield from part
 
     return read

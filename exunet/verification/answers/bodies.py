@@ -22,7 +22,7 @@ from exunet.studies.both_codes import BothCodes, Floats, Theirs, Trajectory
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.motions import best
 from exunet.verification.check import Check, against, difference
-from exunet.verification.trajectories import changes, energies, momenta
+from exunet.verification.trajectories import changes, conserved
 
 SETTLED = 200.0  # [s]: the stretch of the start has died out
 
@@ -106,8 +106,7 @@ def snap_off_centre(case: BothCodes) -> Iterator[Check]:
     """Momentum, angular momentum and energy before, in and after the snap, which must have happened."""
     times = case.start.scene.time.stored_times
     for code, motion in best(case, times, booked=True):
-        balances = [*momenta(case, motion, tol.MOMENTUM, tol.ANGULAR), energies(case, motion, tol.ENERGY)]
-        yield from changes(balances, times, code)
+        yield from changes(conserved(case, motion), times, code)
         _, speed, _, _ = case.rigid_of(motion.seen)
         closing = np.diff(speed, axis=1)[:, 0] @ np.array([1.0, 0.0, 0.0])
         yield Check(f"speed at which the bodies part at the end, {code}", float(closing[-1]), tol.THROWN_BACK)
@@ -156,7 +155,7 @@ def exchanges(case: BothCodes) -> Iterator[Check]:
         held = motion.reels.held[:, 0]
         words = f"{held.max():.0f} at most, {held[-1]:.0f} at the end"
         yield Check(f"nodes that stayed where they were, {code}", 2.0 - np.ptp(held), tol.CONNECTIVITY, words)
-        yield from _balances(case, code, motion, linear)
+        yield from changes(conserved(case, motion, linear), times, code)
 
 
 def _first_command(case: BothCodes) -> tuple[ReeledTether, Drive]:
@@ -181,14 +180,7 @@ def _as_known(
     yield difference(f"speed of approach, {code}", closing, approach, tol.REELED, ("instant",), "m/s")
     done = motion.reels.work[: len(work), 0]
     yield difference(f"work of the winch, {code}", done, work, tol.REELED, ("instant",), "J")
-    yield from _balances(case, code, motion)
-
-
-def _balances(
-    case: BothCodes, code: str, motion: Trajectory, linear: tol.Tolerance = tol.MOMENTUM
-) -> Iterator[Check]:
-    found = [*momenta(case, motion, linear, tol.ANGULAR), energies(case, motion, tol.ENERGY)]
-    yield from changes(found, motion.time, code)
+    yield from changes(conserved(case, motion), motion.time, code)
 
 
 PANEL = 0.05  # [s], of the quadrature of the precession: eight points a panel, for rates of a few rad/s
@@ -359,7 +351,6 @@ def free_rotation(case: BothCodes) -> Iterator[Check]:
             total = float(np.linalg.norm(momentum[0]))
             kept = {
                 "energy": (twice - twice[0]) / twice[0],
-                "|H|": np.linalg.norm(momentum, axis=1)[:, None] / total - 1.0,
                 "H": (in_scene - in_scene[0]) / total,
             }
             for quantity, change in kept.items():

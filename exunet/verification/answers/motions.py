@@ -27,6 +27,7 @@ from exunet.studies.both_codes import BothCodes, Floats, Ints, Trajectory, coord
 from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, against
 from exunet.verification.horizon import fixed_plan, with_tolerance
+from exunet.verification.trajectories import changes, conserved
 from reference_impl import Effects
 from reference_impl import forces as formulas
 
@@ -347,21 +348,7 @@ def braking(case: BothCodes) -> Iterator[Check]:
 
 
 def free_net(case: BothCodes) -> Iterator[Check]:
-    """Largest change of each over the stored times."""
-    net = case.start.net
-    shares = net.mass[:, None] * case.start.velocity
-    turning = np.cross(case.start.position, shares)
-    scales = [float(np.linalg.norm(parts, axis=1).sum()) for parts in (shares, turning)]
-    for code, motion in best(case, case.start.scene.time.stored_times):
-        x, v = motion.position, motion.velocity
-        total = energy.kinetic(net.mass, v) + energy.elastic(case.start.system.forces, x)
-        spin = energy.angular_momentum(net.mass, x, v)
-        for name, values, scale, allowed in (
-            ("momentum", energy.momentum(net.mass, v), scales[0], tol.MOMENTUM),
-            ("angular momentum", spin, scales[1], tol.ANGULAR),
-            ("energy", total[:, None], float(total[0]), tol.ENERGY),
-        ):
-            change = np.linalg.norm(values - values[0], axis=1)
-            at = int(np.argmax(change))
-            where = f"t = {motion.time[at]:.4g} s"
-            yield Check(f"{name}, {code}: relative change", float(change[at]) / scale, allowed, where)
+    """Largest change of momenta and energy over the stored times."""
+    times = case.start.scene.time.stored_times
+    for code, motion in best(case, times):
+        yield from changes(conserved(case, motion), times, code)
