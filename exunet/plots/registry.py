@@ -38,7 +38,6 @@ FIGURES = {
     "tensions": Entry(tensions.tensions, "taut elements of the net"),
     "tethers": Entry(tensions.tethers, "taut tethers"),
     "largest_tension": Entry(tensions.largest_tension, "taut elements"),
-    "momentum": Entry(balances.momentum, "a body, and momentum that changes"),
     "loads": Entry(tensions.loads_on_bodies, "threads that pull on bodies"),
     "distances": Entry(curves.distances, "two bodies with shapes"),
     "rotation": Entry(curves.rotation, "a rotating rigid body"),

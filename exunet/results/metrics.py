@@ -558,7 +558,7 @@ def _energies(run: Observables) -> tuple[float, float | None, float | None]:
 
 
 def _gained(run: Observables, key: str, part: str, name: str) -> Iterator[Metric]:
-    gained = run.momenta[part].gained[-1]
+    gained = run.momenta[part].end - run.momenta[part].start
     for columns, kind, unit, remark in (
         (_MOMENTUM, "momentum", "kg m/s", "in the scene's axes"),
         (_ANGULAR, "angular momentum", "kg m2/s", "about the scene's origin"),
@@ -575,7 +575,7 @@ def _gained(run: Observables, key: str, part: str, name: str) -> Iterator[Metric
 
 def _given(run: Observables, key: str, name: str) -> Iterator[Metric]:
     """Yield the impulses and the work that a prescribed body has given to all else by the end."""
-    values = run.momenta[IMPULSE_OF + name].values[-1]
+    values = run.momenta[IMPULSE_OF + name].end
     yield from _vector(
         f"{key}_impulse", f"impulse given by {name}", "N s", values[_MOMENTUM],
         remark="to all else, in the scene's axes", resolution=SMALL, balance=True,
@@ -591,7 +591,7 @@ def _given(run: Observables, key: str, name: str) -> Iterator[Metric]:
 
 
 def _given_by_effect(run: Observables, name: str) -> Iterator[Metric]:
-    values = run.momenta[IMPULSE_OF + name].values[-1]
+    values = run.momenta[IMPULSE_OF + name].end
     yield from _vector(
         f"effect_{name}_impulse", f"impulse of {name}", "N s", values[_MOMENTUM],
         _size(run, NET_PART, _MOMENTUM), remark="on all, in the scene's axes", resolution=SMALL, balance=True,
@@ -611,14 +611,14 @@ def _given_by_effect(run: Observables, name: str) -> Iterator[Metric]:
 def _size(run: Observables, part: str, columns: slice) -> float:
     """Return the size relative to which a change counts as small."""
     entry = run.momenta[part]
-    own = max(float(np.linalg.norm(ends[columns])) for ends in (entry.start, entry.values[-1]))
+    own = max(float(np.linalg.norm(ends[columns])) for ends in entry)
     return max(_OF_OWN * own, _OF_LARGEST * _largest(run, columns))
 
 
 def _largest(run: Observables, columns: slice) -> float:
     """The largest change among free bodies and the net; of energies also those of other kinds."""
     parts = (part for name, part in run.momenta.items() if not name.startswith(IMPULSE_OF))
-    changes = [float(np.linalg.norm(part.gained[-1][columns])) for part in parts]
+    changes = [float(np.linalg.norm((part.end - part.start)[columns])) for part in parts]
     if columns is _ENERGY:
         changes += [abs(energy) for energy in _energies(run) if energy is not None]
     return max(changes, default=0.0)
