@@ -356,7 +356,7 @@ def test_views_of_a_large_scene_follow_the_net() -> None:
     scene = scene_3d(far, [0, 6])
     assert scene.camera.follows
     np.testing.assert_allclose(scene.origin(6) - scene.camera.middle, metrics.centre_of_mass(far)[6])
-    drawn(figure(far, "snapshots", grid=True))
+    drawn(figure(far, "snapshots"))
 
 
 def test_long_curves_are_thinned_without_losing_an_extreme() -> None:
