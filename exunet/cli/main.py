@@ -399,7 +399,7 @@ def compare_command(
     b: Annotated[
         Path, typer.Argument(help="result, ensemble or study, or its folder", metavar="B", parser=as_path)
     ],
-    every: Annotated[bool, typer.Option("--all", help="all metrics, and states over time")] = False,
+    every: Annotated[bool, typer.Option("--all", help="all metrics")] = False,
 ) -> None:
     """Print the differences of two designs: keys of the case, metrics, states.
 

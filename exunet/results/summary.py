@@ -96,7 +96,7 @@ def summary_of(
         "cost": _cost(record),
         "retries": [asdict(retry) for retry in record.retries],
         "notes": [] if record.plan is None else list(record.plan.notes),
-        "check": _agreement(check) if isinstance(check, Agreement) else _refused(check),
+        "check": summary_of_agreement(check) if isinstance(check, Agreement) else _refused(check),
         # What `exunet run` fills in, the latter three with finer runs and --estimate-error.
         "implausible": [],
         "step": None,
@@ -244,7 +244,8 @@ def _refused(reason: str | None) -> dict[str, str] | None:
     return None if reason is None else {"refused": reason}
 
 
-def _agreement(agreement: Agreement) -> dict[str, Any]:
+def summary_of_agreement(agreement: Agreement) -> dict[str, Any]:
+    """Return the comparison of two runs, for summary.json."""
     until = agreement.agrees_until
     agreeing = agreement.time < until if until is not None else slice(None)
     return {

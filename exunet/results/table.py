@@ -230,7 +230,7 @@ def _trust(summary: Summary, *, every: bool) -> Iterator[tuple[str, str]]:
         reason = "--check" if check is None else check["refused"]
         open_questions.append(f"reference ({reason})")
     else:
-        yield "Reference", _agreement(check)
+        yield "Reference", agreement_words(check)
     for name, key, finer, words, remedy in (
         ("Step", "step", "half of the step", "step", ""),
         ("Division", "divisions", "twice the elements", "division of threads", " (--divisions)"),
@@ -272,7 +272,8 @@ def _short(value: float) -> str:
     return f"{value:.2g}" if value else "0"
 
 
-def _agreement(check: Summary) -> str:
+def agreement_words(check: Summary) -> str:
+    """Describe until when two runs agree, and within which limits."""
     parts = [("", check["agrees_until_s"])]
     parts += [(f"body {name}: ", body["agrees_until_s"]) for name, body in check["bodies"].items()]
     until = [name + ("to the end" if time is None else f"until {time:.4g} s") for name, time in parts]
@@ -339,18 +340,25 @@ def _details(summary: Summary) -> Iterator[tuple[str, str]]:
         yield "control", f"by {control['kind']}; impulses of the units: {each} N s{propellant}"
     if (check := summary["check"]) is None or "refused" in check:
         return
+    yield from ((f"reference: {name}", words) for name, words in differences_of_states(check))
+
+
+def differences_of_states(check: Summary) -> Iterator[tuple[str, str]]:
+    """Yield the largest differences of the states of two runs, of each body, and of the times of breaks."""
     speed, position = (check[f"{name}_difference"] for name in ("speed", "position"))
+    words = f"speeds {speed['largest_m_s']:.1e} m/s, positions {position['largest_m']:.1e} m at most"
     within = f"{speed['largest_while_agreeing_m_s']:.1e} m/s, {position['largest_while_agreeing_m']:.1e} m"
-    yield "reference", f"differences while it agrees: {within}"
+    yield "differences", f"{words}; while they agree {within}"
     for name, body in check["bodies"].items():
-        attitude = (
-            "" if body["attitude_rad"] is None else f", attitudes within {body['attitude_rad']:.1e} rad"
-        )
-        yield f"reference: {name}", f"over the run positions within {body['position_m']:.1e} m{attitude}"
+        words = f"positions within {body['position_m']:.1e} m, velocities {body['velocity_m_s']:.1e} m/s"
+        if body["attitude_rad"] is not None:
+            words += f", attitudes {body['attitude_rad']:.1e} rad"
+            words += f", angular velocities {body['angular_velocity_rad_s']:.1e} rad/s"
+        yield f"body {name}", words
     if broken := check["broken"]:
         alone = broken["only_here"] + broken["only_in_reference"]
         within = f"times within {broken['time_difference_s']:.1e} s"
-        yield "reference: breaks", f"{broken['in_both']} in both codes, {within}; {alone} in one only"
+        yield "breaks", f"{broken['in_both']} in both, {within}; {alone} in one only"
 
 
 def _all_metrics(summary: Summary) -> Iterator[tuple[str, str]]:
