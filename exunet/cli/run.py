@@ -6,7 +6,7 @@ import json
 import time as clock
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -234,7 +234,7 @@ def _describe(
     failed = None
     if request.estimate and result.complete:
         try:
-            summary["error_estimate"] = estimate_error(request.case.scene, result).numbers()
+            summary["error_estimate"] = asdict(estimate_error(request.case.scene, result))
         except RunStopped as error:
             failed = type(error)(f"the error could not be estimated: {error}")
     write_summary(summary, folder / SUMMARY)

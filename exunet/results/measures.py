@@ -100,14 +100,8 @@ def deployment(result: Result) -> Deployment | None:
 
     None for a net without a mouth, or with a mouth that cannot have an area.
     """
-    return deployment_of(result.net, result.time, result.position)
-
-
-def deployment_of(net: Net, time: Floats, position: Floats) -> Deployment | None:
-    """`deployment` of a trajectory of either code; time (t,) [s], position (t, n_nodes, 3) [m]."""
-    area = over_blocks(partial(mouth_area, net), position)
-    centre = over_blocks(partial(net_centre, net), position)
-    return deployment_from_area(time, area, centre, achievable_area(net))
+    area, centre = mouth_areas(result), centre_of_mass(result)
+    return deployment_from_area(result.time, area, centre, achievable_area(result.net))
 
 
 def deployment_from_area(time: Floats, area: Floats, centre: Floats, achievable: float) -> Deployment | None:
