@@ -42,14 +42,14 @@ def energies(source: Source) -> Figure | None:
     """
     result, ensemble = source.result, source.ensemble
     parts: dict[str, Part] = {
-        "dissipated": (metrics.dissipation(result), {"color": YELLOW, "linewidth": 2.6, "marker": "s"}),
+        "dissipated": (source.run.dissipated, {"color": YELLOW, "linewidth": 2.6, "marker": "s"}),
         "elastic": (np.asarray(result.elastic), {"color": RED, "linewidth": 1.6}),
         "kinetic": (np.asarray(result.kinetic), {"color": BLUE, "linewidth": 1.2, "linestyle": "--"}),
     }
     if np.any(result.potential != result.potential[0]):
         dotted = {"color": BLACK, "linewidth": 1.0, "linestyle": ":", "marker": "v"}
         parts["potential"] = (np.asarray(result.potential), dotted)
-    parts |= _stored_in_contact(result) | _dissipated(result) | _works(result)
+    parts |= _stored_in_contact(source.run) | _dissipated(source.run) | _works(result)
     if not any(np.ptp(values) for values, _ in parts.values()):
         return None
     labels = ["energy change [J]", "error of the\nbalance [J]"]
@@ -69,20 +69,20 @@ def energies(source: Source) -> Figure | None:
     return finish(source, figure)
 
 
-def _stored_in_contact(result: Result) -> dict[str, Part]:
+def _stored_in_contact(run: Observables) -> dict[str, Part]:
     """Return the energy that contacts store, where the potential energy has other parts too."""
-    stored = Observables(result).stored_in_contact
-    if stored is None or not np.any(stored) or np.allclose(stored, result.potential, rtol=1e-9, atol=0.0):
+    stored, whole = run.stored_in_contact, run.result.potential
+    if stored is None or not np.any(stored) or np.allclose(stored, whole, rtol=1e-9, atol=0.0):
         return {}
     return {
         "stored in contact": (stored, {"color": BLACK, "linewidth": 1.0, "linestyle": "-.", "marker": "^"})
     }
 
 
-def _dissipated(result: Result) -> dict[str, Part]:
+def _dissipated(run: Observables) -> dict[str, Part]:
     """Return the parts of the dissipation in contacts and a closing line."""
-    parts = Observables(result).dissipated_by
-    shown = [(f"by {DISSIPATED[name]}", values) for name, values in parts.items() if np.ptp(values)]
+    parts = run.dissipated_by.items()
+    shown = [(f"by {DISSIPATED[name]}", values) for name, values in parts if np.ptp(values)]
     return {
         label: (part, {"color": YELLOW, "linewidth": 1.2, **style})
         for (label, part), style in zip(shown, _DISSIPATED, strict=False)

@@ -54,7 +54,7 @@ _MARK: dict[str, Any] = {"color": BLACK, "markersize": 6, "markerfacecolor": "no
 def bullet_speeds(source: Source) -> Figure | None:
     """Speed of each bullet over time, and of the reference's; band: slowest to fastest of perturbed runs."""
     result, agreement = source.result, source.agreement
-    speeds = metrics.bullet_speeds(result)
+    speeds = source.run.bullet_speed
     count = speeds.shape[1]
     if not np.any(speeds):
         return None

@@ -27,8 +27,8 @@ from exunet.plots.time_axes import (
     stacked_axes,
 )
 from exunet.results.ensemble import Range
-from exunet.results.loads import PACKED, attached_nodes, attachment_loads
-from exunet.results.measures import largest_tensions, peak_tensions
+from exunet.results.loads import PACKED, attached_nodes
+from exunet.results.measures import peak_tensions
 from exunet.results.observables import PULLS, pull_name
 from exunet.results.result import Result
 
@@ -42,7 +42,7 @@ def largest_tension(source: Source) -> Figure | None:
     The curve has the stored times only: a snap between two of them shows in the mark alone.
     """
     result, ensemble = source.result, source.ensemble
-    values = largest_tensions(result) if result.net.n_elements else np.zeros(0)
+    values = source.run.tension
     peak = result.run.largest_tension
     taut = peak is not None and peak.element >= 0
     if not np.any(values) and not taut:
@@ -157,7 +157,7 @@ def loads_on_bodies(source: Source) -> Figure | None:
     force.
     """
     result = source.result
-    sizes = attachment_loads(result)
+    sizes = source.run.attachments
     pulled = [place for place, values in sizes.items() if values.any()]
     if not pulled:
         return None
