@@ -1,4 +1,4 @@
-"""Figures of results and of ensembles, and animations."""
+"""Figures and pages of results, ensembles and studies."""
 
 from __future__ import annotations
 
