@@ -20,7 +20,7 @@ from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
 from exunet.results.observables import Observables
 from exunet.results.run_folder import has_result, has_unfinished
 from exunet.results.run_record import CaseText
-from exunet.results.summary import summary_of_agreement
+from exunet.results.summary import summary_of_agreement, summary_of_metrics
 from exunet.results.table import agreement_words, differences_of_states
 from exunet.scene.casefile import parse_case
 
@@ -110,24 +110,13 @@ def _design(path: Path) -> Design:
     if path.name == ENSEMBLE_FILE or no_result:
         ensemble = load_ensemble(path)
         words = ", ".join(f"{name} {number}" for name, number in ensemble.run.outcomes.items())
-        found = metrics_of_ensemble(ensemble)
+        found = summary_of_metrics({}, ensemble)
         return Design(str(path), ensemble.run.case, found, words, None, ensemble, ensemble)
     summary, result = summary_at(path), load_result(path)
     outcome = "" if summary.get("capture") is None else str(summary["capture"]["outcome"])
     around = None if result.ensemble_file is None else load_ensemble(result.ensemble_file)
     run = ComparedRun.of(result)
     return Design(str(path), result.run.case, summary["metrics"], outcome, run, Observables(result), around)
-
-
-def metrics_of_ensemble(ensemble: Ensemble) -> dict[str, dict[str, Any]]:
-    """Return the metrics of an ensemble, as in summary.json."""
-    found = {}
-    for key, about in ensemble.about.items():
-        if (bounds := ensemble.range(key)) is not None:
-            limits = {"median": bounds.median, "low": bounds.low, "high": bounds.high}
-            words = {"words": about.words, "unit": about.unit, "text": str(bounds)}
-            found[key] = {**words, "value": None, "range": limits}
-    return found
 
 
 SAME, WITHIN, BEYOND, NO_RANGE = "the same", "within the ranges", "beyond both ranges", "no range"

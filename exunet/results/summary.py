@@ -76,7 +76,7 @@ def summary_of(
         },
         **({"momentum": _momentum(result)} if result.bodies else {}),
         "attachments": _attachments(run),
-        "metrics": _metrics(metrics_of(run), ensemble if isinstance(ensemble, Ensemble) else None),
+        "metrics": summary_of_metrics(metrics_of(run), ensemble if isinstance(ensemble, Ensemble) else None),
         "ensemble": _ensemble(ensemble),
         "achievable_area_m2": run.achievable_area or None,
         **({} if (capture := _capture(run, ensemble)) is None else {"capture": capture}),
@@ -143,8 +143,8 @@ def timeline(run: Observables) -> list[Event]:
     return sorted(events)
 
 
-def _metrics(own: Mapping[str, Metric], ensemble: Ensemble | None) -> dict[str, Any]:
-    """Values of the run, with time and place, and the range of perturbed runs, by key."""
+def summary_of_metrics(own: Mapping[str, Metric], ensemble: Ensemble | None) -> dict[str, Any]:
+    """Return values of a run, with time and place, and the range of perturbed runs, by key."""
     keys = dict.fromkeys([*own, *(ensemble.metrics if ensemble is not None else ())])
     found = {}
     for key in keys:
