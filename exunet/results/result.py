@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -422,15 +422,6 @@ class Result(ShortRepr, Recorded):
                 found |= _components(f"{name} angular velocity", "rad/s", body.angular_velocity)
         return found
 
-    def parts(self, rows: int) -> Iterator[Result]:
-        """Consecutive parts of at most `rows` stored times, each in memory; the rest as it is here."""
-        for start, stop in row_ranges(len(self.time), rows):
-            chosen = slice(start, stop)
-            bodies = {name: _cut(body, chosen) for name, body in self.bodies.items()}
-            states = {name: _cut(one, chosen) for name, one in self.states.items()}
-            contacts = {key: _cut(one, chosen) for key, one in self.contacts.items()}
-            yield replace(_cut(self, chosen), bodies=bodies, states=states, contacts=contacts)
-
 
 _ENERGIES = ("kinetic", "elastic", "potential", "dissipated")
 
@@ -439,16 +430,3 @@ def _components(name: str, unit: str, values: Floats) -> dict[str, Floats]:
     """Columns x, y, z of a vector (n_times, 3)."""
     rows = np.asarray(values)
     return {f"{name} {axis} [{unit}]": rows[:, k] for k, axis in enumerate("xyz")}
-
-
-_Cut = TypeVar("_Cut", Result, BodyStates, TermStates)
-
-
-def _cut(states: _Cut, chosen: slice) -> _Cut:
-    """The chosen times of every array that is over the times."""
-    found: dict[str, Any] = {
-        item.name: getattr(states, item.name)[chosen]
-        for item in fields(states)
-        if item.name not in CONSTANTS and isinstance(getattr(states, item.name), np.ndarray | StoredRows)
-    }
-    return replace(states, **found)
