@@ -9,7 +9,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap, ListedColormap, Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
@@ -78,10 +78,11 @@ def tensions(source: Source) -> Figure | None:
     top = max(float(peaks.max()), 0.0 if ranged is None else ranged.high)
     view = best_view(net, margin=0.08)
     figure, panel = framed(source, view, beside=25.0)
-    shown = ScalarMappable(Normalize(0.0, top), tension_colors())
+    colors = colormaps["cividis_r"](np.linspace(0.1, 1.0, 256))  # whose lightest shows on white
+    shown = ScalarMappable(Normalize(0.0, top), ListedColormap(colors, "tensions"))
     widths = line_width(net) * (0.6 + 3.0 * peaks / top)
     for axes, plane in zip(panel, view.planes, strict=True):
-        draw_tensions(axes, net.reference_position[net.element_nodes][..., plane], peaks, shown, widths)
+        _draw_tensions(axes, net.reference_position[net.element_nodes][..., plane], peaks, shown, widths)
         dots = net.reference_position[net.bullet_nodes][:, plane]
         axes.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0)
     label = f"largest tension\n{_steps(result, largest)} [N]"
@@ -99,23 +100,16 @@ def tensions(source: Source) -> Figure | None:
     return figure
 
 
-def draw_tensions(
+def _draw_tensions(
     axes: Axes, segments: Floats, tension: Floats, shown: ScalarMappable, widths: Floats
-) -> list[LineCollection]:
+) -> None:
     """Draw elements, segments (n, 2, 2), by their tension [N]: the largest on top, slack ones dotted."""
     order = np.argsort(tension, kind="stable")
     taut, slack = order[tension[order] > 0.0], order[tension[order] <= 0.0]
     drawn = LineCollection(list(segments[taut]), cmap=shown.cmap, norm=shown.norm, capstyle="round")
     drawn.set(array=tension[taut], linewidths=widths[taut])
-    collections = [LineCollection(list(segments[slack]), **_SLACK), drawn]
-    for collection in collections:
+    for collection in (LineCollection(list(segments[slack]), **_SLACK), drawn):
         axes.add_collection(collection, autolim=False)
-    return collections
-
-
-def tension_colors() -> Colormap:
-    """Return the colours from small to large tension, from light to dark; the lightest shows on white."""
-    return ListedColormap(colormaps["cividis_r"](np.linspace(0.1, 1.0, 256)), "tensions")
 
 
 def tethers(source: Source) -> Figure | None:

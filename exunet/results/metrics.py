@@ -517,11 +517,14 @@ def balances(run: Observables) -> Iterator[Metric]:
         return
     for name in run.result.bodies:
         if name in run.prescribed:
-            yield from _given(run, f"body_{name}", name)
+            yield from _given(run, f"body_{name}", name, f"given by {name}", "to all else")
+            yield _work(run, f"body_{name}", name, "on all else")
         else:
             yield from _gained(run, f"body_{name}", name, name)
     for name in run.effects:
-        yield from _given_by_effect(run, name)
+        yield from _given(run, f"effect_{name}", name, f"of {name}", "on all", NET_PART)
+        if f"{OUTSIDE}{name}/work" in run.result.states:
+            yield _work(run, f"effect_{name}", name, "put in")
     yield from _gained(run, "net", NET_PART, "the net")
     elastic, potential, ejection = _energies(run)
     largest = _OF_LARGEST * _largest(run, _ENERGY)
@@ -573,39 +576,25 @@ def _gained(run: Observables, key: str, part: str, name: str) -> Iterator[Metric
     )  # fmt: skip
 
 
-def _given(run: Observables, key: str, name: str) -> Iterator[Metric]:
-    """Yield the impulses and the work that a prescribed body has given to all else by the end."""
+def _given(
+    run: Observables, key: str, name: str, words: str, to: str, small_against: str = ""
+) -> Iterator[Metric]:
+    """Yield the impulses that a prescribed body or an effect has given by the end."""
     values = run.momenta[IMPULSE_OF + name].end
-    yield from _vector(
-        f"{key}_impulse", f"impulse given by {name}", "N s", values[_MOMENTUM],
-        remark="to all else, in the scene's axes", resolution=SMALL, balance=True,
-    )  # fmt: skip
-    yield from _vector(
-        f"{key}_angular_impulse", f"angular impulse given by {name}", "N m s", values[_ANGULAR],
-        remark="to all else, about the scene's origin", resolution=SMALL, balance=True,
-    )  # fmt: skip
-    yield Metric(
-        f"{key}_work", f"work of {name}", "J", float(values[6]), remark="on all else", resolution=SMALL,
-        balance=True,
-    )  # fmt: skip
-
-
-def _given_by_effect(run: Observables, name: str) -> Iterator[Metric]:
-    values = run.momenta[IMPULSE_OF + name].end
-    yield from _vector(
-        f"effect_{name}_impulse", f"impulse of {name}", "N s", values[_MOMENTUM],
-        _size(run, NET_PART, _MOMENTUM), remark="on all, in the scene's axes", resolution=SMALL, balance=True,
-    )  # fmt: skip
-    yield from _vector(
-        f"effect_{name}_angular_impulse", f"angular impulse of {name}", "N m s", values[_ANGULAR],
-        _size(run, NET_PART, _ANGULAR), remark="on all, about the scene's origin", resolution=SMALL,
-        balance=True,
-    )  # fmt: skip
-    if f"{OUTSIDE}{name}/work" in run.result.states:
-        yield Metric(
-            f"effect_{name}_work", f"work of {name}", "J", float(values[6]), remark="put in",
+    for columns, kind, unit, axes in (
+        (_MOMENTUM, "impulse", "N s", "in the scene's axes"),
+        (_ANGULAR, "angular impulse", "N m s", "about the scene's origin"),
+    ):
+        yield from _vector(
+            f"{key}_{kind.replace(' ', '_')}", f"{kind} {words}", unit, values[columns],
+            _size(run, small_against, columns) if small_against else 0.0, remark=f"{to}, {axes}",
             resolution=SMALL, balance=True,
         )  # fmt: skip
+
+
+def _work(run: Observables, key: str, name: str, remark: str) -> Metric:
+    work = float(run.momenta[IMPULSE_OF + name].end[6])
+    return Metric(f"{key}_work", f"work of {name}", "J", work, remark=remark, resolution=SMALL, balance=True)
 
 
 def _size(run: Observables, part: str, columns: slice) -> float:
