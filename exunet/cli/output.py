@@ -123,11 +123,11 @@ def _live(*columns: ProgressColumn, quiet: bool) -> Progress:
 
 
 @contextmanager
-def status(message: str = "", *, quiet: bool = False) -> Iterator[Callable[[str], None]]:
+def status(message: str = "") -> Iterator[Callable[[str], None]]:
     """Show on a terminal what is running; yields the function that changes the message."""
     from rich.progress import SpinnerColumn, TextColumn
 
-    with _live(SpinnerColumn(), TextColumn("{task.description}"), quiet=quiet) as line:
+    with _live(SpinnerColumn(), TextColumn("{task.description}"), quiet=False) as line:
         number = line.add_task(message, total=None)
 
         def show(message: str) -> None:

@@ -63,9 +63,8 @@ class Measures(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Target of a capture, in its own frame.
+    """Target of a capture, from its centre of mass.
 
-    centre  : (3,) its centre of mass [m]
     points  : (m, 3) spread evenly inside [m]
     corners : (k, 3) of its convex hull, round edges by `exunet.bodies.distance.AROUND` corners [m]
     volume, surface : of this hull [m3], [m2]
@@ -73,7 +72,6 @@ class Target:
     """
 
     shape: Shape
-    centre: tuple[float, float, float]
     points: Floats
     corners: Floats
     volume: float
@@ -82,8 +80,8 @@ class Target:
 
 
 @lru_cache(maxsize=16)
-def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Target:
-    """A target of a shape with its centre of mass [m] in its frame; of a mesh it is the convex hull."""
+def target_of(shape: Shape) -> Target:
+    """A target of a shape in the axes of the body; of a mesh it is the convex hull."""
     meshes = [polyhedron(item) for item in shape.solids] + ([] if shape.mesh is None else [shape.mesh])
     hulls = [scipy.spatial.ConvexHull(mesh.vertices) for mesh in meshes]
     whole = scipy.spatial.ConvexHull(np.concatenate([hull.points[hull.vertices] for hull in hulls]))
@@ -102,7 +100,6 @@ def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     length = float(scipy.spatial.distance.pdist(corners).max())
     return Target(
         shape,
-        centre,
         np.asfortranarray(chosen[:POINTS]),
         corners,
         float(whole.volume),
@@ -217,7 +214,7 @@ def capture(
     opened = np.minimum(area / most, 1.0) if 0.0 < most < np.inf else np.zeros(len(x))
     hulls = [_of_hull(target, *item) for item in zip(x, pose[:, :3], turn, strict=True)]
     enclosed, volume, surface, apart, distance = np.array(hulls).reshape(-1, 5).T
-    offset = np.linalg.norm(centre - pose[:, :3] - turn @ target.centre, axis=1)
+    offset = np.linalg.norm(centre - pose[:, :3], axis=1)
     terms = [abs(volume / target.volume - 1.0), abs(surface / target.surface - 1.0), offset / length]
     modified = [1.0 - enclosed, apart / length, opened]
     return Measures(

@@ -44,11 +44,6 @@ STORED, STEP = "stored times", "steps"  # what limits the resolution of an insta
 DIGITS = 4  # significant digits that are printed
 
 
-def unit_of_last_digit(value: float, digits: int = DIGITS) -> float:
-    """Return what the last of so many significant digits of a value counts; 0 for 0."""
-    return 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1) if value else 0.0
-
-
 def printed(value: float, last: float) -> str:
     """Format a value down to a digit: 1234.6 with 0.1, 1200 with 100; without rounding where that is 0."""
     if last <= 0.0 or not math.isfinite(last):
@@ -102,7 +97,9 @@ class Metric:
 
     def last_digit(self, value: float) -> float:
         """Return what the last printed digit of a value counts."""
-        return max(unit_of_last_digit(max(abs(value), self.size)), self.resolution)
+        size = max(abs(value), self.size)
+        digit = 10.0 ** (math.floor(math.log10(size)) - DIGITS + 1) if size else 0.0
+        return max(digit, self.resolution)
 
     def __str__(self) -> str:
         return f"{printed(self.value, self.last_digit(self.value))} {self.unit}".rstrip()
