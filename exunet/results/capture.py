@@ -168,7 +168,7 @@ def _of_pieces(result: Result, rows: NDArray[np.int64]) -> Iterator[tuple[int, i
 
 def pieces_at(result: Result, time: float) -> list[Ints]:
     """Return the nodes of each piece of a net at a time [s], that with most thread first."""
-    net, nodes = result.net, nodes_of_net(result.net)[0]
+    net, nodes = result.net, nodes_of_net(result.net)
     broken = [element for element, at in broken_at(result).items() if at <= time]
     kept = np.setdiff1d(np.arange(net.n_net_elements), broken)
     if len(kept) == net.n_net_elements:
@@ -196,7 +196,7 @@ def capture(
     body   : of the target, (t, 7) place [m] and attitude of its frame, (t, 6) velocity of its centre of mass
              [m/s] and angular velocity in its own axes [rad/s]
     """
-    nodes = nodes_of_net(net)[0] if piece is None else piece
+    nodes = nodes_of_net(net) if piece is None else piece
     mass = net.mass[nodes]
     x, v = (values[:, nodes] for values in points)
     pose, twist = body
@@ -228,11 +228,10 @@ def capture(
     )
 
 
-def nodes_of_net(net: Net) -> tuple[Ints, Floats]:
-    """Return the nodes of the net without tethers, and their masses; of a net without elements all."""
+def nodes_of_net(net: Net) -> Ints:
+    """Return the nodes of the net without tethers; of a net without elements all."""
     nodes = np.unique(net.element_nodes[: net.n_net_elements])
-    nodes = nodes if len(nodes) else np.arange(net.n_nodes)
-    return nodes, net.mass[nodes]
+    return nodes if len(nodes) else np.arange(net.n_nodes)
 
 
 def _spin(mass: Floats, x: Floats, v: Floats) -> Floats:
