@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
+from exunet.base.times import duration
 from exunet.results.ensemble import sensitivity, words_of_endings
 from exunet.results.measures import NEARLY_OPEN
 from exunet.results.run_record import Ending
@@ -71,7 +72,7 @@ def text(summary: Summary, *, every: bool = False, width: int = 110) -> str:
         Of a line, in characters; longer ones are folded.
     """
     cost = summary["cost"]
-    known = f"{summary['simulated_until_s']:.4g} s in {_seconds(cost['integration_s'])} ({_setting(summary)})"
+    known = f"{summary['simulated_until_s']:.4g} s in {duration(cost['integration_s'])} ({_setting(summary)})"
     title = summary["title"] or summary["case"] or "run"
     gap = width - len(title) - len(known)
     lines = [f"{title}{' ' * gap}{known}"] if gap > 1 else [title, f"  {known}"]
@@ -115,10 +116,6 @@ def _setting(summary: Summary) -> str:
     with_step = f"step {method['step_s']:.3g} s" if method["step_s"] else ""
     setting = f"tolerance {method['tolerance']:.2g}" if method["tolerance"] else with_step
     return _join([method["name"], setting, method["backend"] or ""], ", ")
-
-
-def _seconds(value: float) -> str:
-    return f"{value:.2g} s" if value < 120.0 else f"{value / 60.0:.0f} min"
 
 
 def _answer(summary: Summary) -> Iterator[tuple[str, str]]:
