@@ -101,7 +101,7 @@ def area(source: Source) -> Figure | None:
     if measures is not None and (
         measures.constant or measures.time_of_largest > result.time[0]
     ):  # not open yet
-        largest = range_of(ensemble, "largest_area_m2", achievable)
+        largest = range_of(ensemble, "relative_area")
         when = range_of(ensemble, "time_of_largest_area_s")
         label = label_of_mark("largest", largest, when) + (" (the end)" if measures.at_end else "")
         label = f"constant: {number(measures.relative_area)}" if measures.constant else label

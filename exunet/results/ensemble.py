@@ -116,12 +116,6 @@ class Range(NamedTuple):
         words += "" if self.known else f" ({low} to {high})"
         return words + (f", in {self.runs} of {self.of_runs} runs" if self.runs < self.of_runs else "")
 
-    def relative_to(self, scale: float) -> Range:
-        """Return the same as a part of a scale [unit]."""
-        metric = replace(self.metric, unit="", resolution=self.metric.resolution / scale, size=0.0)
-        ends = (value / scale for value in (self.median, self.low, self.high))
-        return Range(metric, self.runs, self.of_runs, *ends)
-
 
 def sensitivity(runs: int, move: float) -> str:
     """Return which runs ranges are of, in words; move: of their perturbation [m]."""
