@@ -15,7 +15,7 @@ import numpy as np
 
 from exunet.base.arguments import ShortRepr, takes
 from exunet.base.arrays import Floats
-from exunet.base.errors import InputError
+from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of
 from exunet.results.io import (
     ENSEMBLE_FILE,
@@ -36,6 +36,7 @@ from exunet.results.run_record import Ending, EnsembleRecord, Recorded
 if TYPE_CHECKING:
     import h5py
     from pandas import DataFrame
+    from xarray import Dataset
 
 
 FORMAT = 2
@@ -185,6 +186,23 @@ class Ensemble(ShortRepr, Recorded):
         (pip install 'exunet[pandas]').
         """
         return table("run", np.arange(self.runs), dict(self.metrics))
+
+    def to_xarray(self) -> Dataset:
+        """Return metrics (run) and quantiles (level, time) as an xarray data set with units.
+
+        Raises MissingExtra without xarray (pip install xarray).
+        """
+        try:
+            from xarray import Dataset
+        except ImportError:
+            raise MissingExtra("a data set of an ensemble needs xarray: pip install xarray") from None
+        found: dict[str, Any] = {}
+        for key, values in self.metrics.items():
+            found[key] = ("run", values, {"units": self.about[key].unit, "long_name": self.about[key].words})
+        for name, values in self.quantiles.items():
+            about = {"units": self.series[name].unit, "long_name": self.series[name].words}
+            found[name] = (("level", "time"), values, about)
+        return Dataset(found, {"run": np.arange(self.runs), "level": self.levels, "time": self.time})
 
 
 def ensemble_of(members: Sequence[Member], *, run: EnsembleRecord | None = None) -> Ensemble:

@@ -24,7 +24,7 @@ from pydantic.fields import FieldInfo
 
 from exunet.base.arguments import shown, takes
 from exunet.base.arrays import Bools, Floats, Ints
-from exunet.base.errors import CaseError, Fault, InputError, Interrupted
+from exunet.base.errors import CaseError, Fault, InputError, Interrupted, MissingExtra
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.base.key_path import KeyPath, closest, key_path
 from exunet.base.record import Record
@@ -64,6 +64,7 @@ from exunet.studies.rows import FAILED, FIXED, INVALID, OK, RowFile, RowFiles, f
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+    from xarray import Dataset
 
     from exunet.studies.estimates import Estimate, PairedMetric, PairedOutcome
 
@@ -692,6 +693,19 @@ class StudyTable:
     def to_pandas(self) -> DataFrame:
         """Return all columns as a pandas table: one row for each run; MissingExtra without pandas."""
         return table("row", self.numbers, {name: self.column(name) for name in self.files.columns[1:]})
+
+    def to_xarray(self) -> Dataset:
+        """Return all columns as an xarray data set along "row", with units; MissingExtra without xarray."""
+        try:
+            from xarray import Dataset
+        except ImportError:
+            words = "a data set of a study needs xarray: pip install 'exunet[studies]'"
+            raise MissingExtra(words) from None
+        found: dict[str, Any] = {}
+        for name in self.files.columns[1:]:
+            words, unit = self.about.get(name, (name, "s" if name == "seconds" else ""))
+            found[name] = ("row", self.column(name), {"units": unit, "long_name": words})
+        return Dataset(found, {"row": self.numbers})
 
     def row(self, run: int, replicate: int = 0) -> dict[str, Any]:
         """Return all columns of a run, None where it has no value; raises InputError if it is not there."""
