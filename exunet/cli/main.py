@@ -473,6 +473,29 @@ def export_command(
     typer.echo(export_result(result, kind, out, overwrite=overwrite))
 
 
+@app.command("animate")
+def animate_command(
+    result: ResultPath,
+    out: Annotated[Path | None, file_option("animation.mp4 beside the result, .gif without ffmpeg")] = None,
+    fps: Annotated[float, typer.Option("--fps", help="frames a second", metavar="N")] = 25.0,
+    begin: Annotated[
+        float | None, typer.Option("--from", help="first time [s] (default: the first stored)", metavar="T")
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--until", help="last time [s] (default: the last stored)", metavar="T")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Animate a result, as GIF or MP4.
+
+    A frame for each stored time, at most 300, evenly spaced.
+    """
+    from exunet.cli.animate import animate
+
+    typer.echo(animate(result, out, fps, begin, end, overwrite=overwrite, quiet=quiet))
+
+
 @app.command("fmu")
 def fmu_command(
     case: CasePath,

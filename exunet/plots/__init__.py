@@ -1,4 +1,4 @@
-"""Figures and pages of results, ensembles and studies."""
+"""Figures of results and of ensembles, and animations."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def snapshots(source: Source) -> Figure:
     thin = 0.9 * line_width(result.net)
     for number_of, (k, axes) in enumerate(zip(chosen, grid.flat, strict=False), start=1):
         prepare(axes, scene)
-        draw(axes, scene, k, thin)
+        draw(axes, scene, k, width=thin)
         title = f"({number_of})  t = {number(result.time[k])} s"
         axes.set_title(title, loc="left", fontsize=SMALL, pad=3, y=1.0)
     draw_scale(grid.flat[0], scene.camera)

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgba_array
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
@@ -33,6 +35,7 @@ FROM_FRONT, FROM_SIDE = (0.0, 0.0, 1.0), (1.0, 0.55, 0.6)  # to the viewer; the 
 TARGET, OTHER = 0.86, 0.58  # grey levels of bodies in full light
 _DARKEST = 0.55  # light on a face that is turned away, relative to full light
 _PIECES = 6  # of an element: parts behind a body are left out
+_FEW = 4  # styles of threads
 _PAIRS = 1 << 20  # of points and faces that are compared at a time
 _DEEP = 0.3  # of the edge radius, to which threads press into a body
 _FLAT = 0.01  # extent relative to the size of the net below which it is seen from the front
@@ -145,8 +148,12 @@ def free_nodes(result: Result) -> NDArray[np.int64]:
     return np.setdiff1d(np.arange(result.net.n_nodes), used)
 
 
-def draw(axes: Axes, scene: Scene3D, k: int, width: float) -> None:
-    """Draw a stored time; width : of threads [points]."""
+def draw(axes: Axes, scene: Scene3D, k: int, colors: Any = BLUE, width: float = 0.8) -> list[Artist]:
+    """Draw a stored time.
+
+    colors : one colour of all threads, or (n_elements, 4) colours
+    width  : of threads [points]
+    """
     result, net, camera = scene.result, scene.result.net, scene.camera
     limit = 1e3 * (camera.half[0] + camera.half[1])
 
@@ -169,21 +176,24 @@ def draw(axes: Axes, scene: Scene3D, k: int, width: float) -> None:
         edges.append(np.full(int(front.sum()), body.slack))
     hiding = np.concatenate([np.zeros((0, 3, 3)), *faces])
     slack = np.concatenate([np.zeros(0), *edges])
+    drawn: list[Artist] = []
     if len(hiding):
         order = np.argsort(hiding[:, :, 2].mean(axis=1), kind="stable")
         grey = np.repeat(np.concatenate(shades)[order][:, None], 3, axis=1)
         bodies = PolyCollection(list(hiding[order][:, :, :2]), facecolors=grey, edgecolors=grey)
         bodies.set(zorder=1.0, linewidths=0.3, joinstyle="round")
-        axes.add_collection(bodies, autolim=False)
+        drawn.append(axes.add_collection(bodies, autolim=False))
 
     broken = [element for element, time in broken_at(result).items() if time <= result.time[k]]
     kept = np.setdiff1d(np.arange(net.n_elements), broken)
     widths = np.where(net.is_string, 1.3, 1.0) * width
     widths[net.n_net_elements :] = 1.6 * width
-    _draw_lines(axes, position[net.element_nodes[kept]], BLUE, widths[kept], hiding, slack, 2.0)
+    of_all = np.broadcast_to(np.asarray(to_rgba_array(colors)), (net.n_elements, 4))
+    drawn += _lines(axes, position[net.element_nodes[kept]], of_all[kept], widths[kept], hiding, slack, 2.0)
     path = np.array(result.run.closing_path, dtype=np.int64)
     line = np.stack([position[path[:-1]], position[path[1:]]], axis=1)
-    _draw_lines(axes, line, BLACK, np.full(len(line), 1.8 * width), hiding, slack, 2.2)
+    black = np.broadcast_to(np.asarray(to_rgba_array(BLACK)), (len(line), 4))
+    drawn += _lines(axes, line, black, np.full(len(line), 1.8 * width), hiding, slack, 2.2)
 
     places = contact_places(result, [k])[0]
     touching = np.flatnonzero(~np.isnan(places))
@@ -198,27 +208,37 @@ def draw(axes: Axes, scene: Scene3D, k: int, width: float) -> None:
     for spots, style in marks:
         shown = spots[~hidden(spots, hiding, slack)]
         if len(shown):
-            axes.scatter(shown[:, 0], shown[:, 1], linewidths=0, zorder=3, **style)
+            drawn.append(axes.scatter(shown[:, 0], shown[:, 1], linewidths=0, zorder=3, **style))
+    return drawn
 
 
 _LIGHT = np.array([-0.35, 0.65, 0.67])  # from the upper left, in the axes of the view
 
 
-def _draw_lines(
-    axes: Axes, segments: Floats, color: str, widths: Floats, hiding: Floats, slack: Floats, order: float
-) -> None:
-    """Draw the visible parts of segments (n, 2, 3), joined with gaps: much faster than one by one."""
+def _lines(
+    axes: Axes, segments: Floats, colors: Floats, widths: Floats, hiding: Floats, slack: Floats, order: float
+) -> list[Artist]:
+    """Draw the visible parts of segments (n, 2, 3): by style, or of many styles the farthest first."""
+    if not len(segments):
+        return []
     part = np.linspace(0.0, 1.0, _PIECES + 1)[:, None, None]
     cuts = segments[:, 0] * (1.0 - part) + segments[:, 1] * part  # (pieces + 1, n, 3)
     behind = hidden((0.5 * (cuts[1:] + cuts[:-1])).reshape(-1, 3), hiding, slack).reshape(_PIECES, -1)
     whole = ~behind.any(axis=0)
     pieces, rows = np.nonzero(~behind & ~whole)
     lines = np.concatenate([segments[whole], np.stack([cuts[pieces, rows], cuts[pieces + 1, rows]], axis=1)])
-    own = widths[np.concatenate([np.flatnonzero(whole), rows])]
-    gaps = np.concatenate([lines[:, :, :2], np.full((len(lines), 1, 2), np.nan)], axis=1)
-    for width in np.unique(own):
-        style: dict[str, Any] = {"colors": color, "linewidths": width, "capstyle": "round", "zorder": order}
-        axes.add_collection(LineCollection([gaps[own == width].reshape(-1, 2)], **style), autolim=False)
+    of = np.concatenate([np.flatnonzero(whole), rows])
+    styles, number = np.unique(np.column_stack([colors, widths])[of], axis=0, return_inverse=True)
+    if len(styles) <= _FEW:  # joined, with gaps: much faster than one by one
+        gaps = np.concatenate([lines[:, :, :2], np.full((len(lines), 1, 2), np.nan)], axis=1)
+        paths = [gaps[number.ravel() == k].reshape(-1, 2) for k in range(len(styles))]
+    else:
+        far = np.argsort(lines[:, :, 2].mean(axis=1), kind="stable")
+        paths, styles = list(lines[far][:, :, :2]), styles[number.ravel()[far]]
+    drawn = LineCollection(
+        paths, colors=styles[:, :4], linewidths=styles[:, 4], capstyle="round", zorder=order
+    )
+    return [axes.add_collection(drawn, autolim=False)]
 
 
 def hidden(points: Floats, faces: Floats, slack: Floats) -> Bools:
@@ -276,12 +296,12 @@ def draw_scale(axes: Axes, camera: Camera) -> None:
             axes.text(at[0], at[1], name, **style)
 
 
-def entries(scene: Scene3D) -> list[Any]:
-    """Return the entries of a legend."""
+def entries(scene: Scene3D, thread: str | None = BLUE) -> list[Any]:
+    """Return the entries of a legend; thread: colour of threads, None: they have several."""
     result, net = scene.result, scene.result.net
     found: list[Any] = []
-    if net.n_elements:
-        found.append(Line2D([], [], color=BLUE, linewidth=1.0, label="threads"))
+    if thread is not None and net.n_elements:
+        found.append(Line2D([], [], color=thread, linewidth=1.0, label="threads"))
     if result.run.closing_path:
         found.append(Line2D([], [], color=BLACK, linewidth=1.6, label="closing line"))
     if len(net.bullet_nodes):

@@ -239,6 +239,18 @@ _ROWS = 64  # states of one block
 _PLACES = np.linspace(0.0, 1.0, 33)  # along a thread, of which the nearest to the body is chosen
 
 
+def contacts_at(result: Result, k: int) -> dict[str, dict[str, int]]:
+    """How many threads, nodes, bullets touch each body at stored time k, by body, as far as it is stored.
+
+    And of each other body, under its name, how many corners, balls and edges do.
+    """
+    found: dict[str, dict[str, int]] = {}
+    for key, series in result.contacts.items():
+        if key.quantity == "touching":
+            found.setdefault(key.body, {})[key.other] = int(series.values[k][0])
+    return found
+
+
 class Touch(NamedTuple):
     """Contact of the net, without tethers, with a body at stored times (t,).
 

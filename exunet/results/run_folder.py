@@ -27,11 +27,13 @@ FIGURES = (
     *("largest_tension", "loads", "distances", "rotation", "contacts"),
     *("closing", "capture", "control", "agreement"),
 )
+ANIMATIONS = ("animation.mp4", "animation.gif")
 REPORT, VIEW = "report.html", "view.html"
 EXPORTS = {"vtkhdf": "result.vtkhdf", "csv": "series.csv"}  # by format
 DESCRIPTIONS = (
     SUMMARY,
     ENSEMBLE_FILE,
+    *ANIMATIONS,
     REPORT,
     VIEW,
     *EXPORTS.values(),

@@ -197,6 +197,7 @@ def test_a_check_that_cannot_be_made_is_reported_and_keeps_the_result(tmp_path, 
         (["cost", PLANAR, "--runs", 0], "--runs"),
         (["verify", PLANAR, "--processes", 0], "--processes"),
         (["fmu", PLANAR, "--fmi", 4], "--fmi: "),
+        (["animate", ".", "--fps", 0], "--fps: "),
         (["run", PLANAR, "--nope"], "--nope"),
         (["run", PLANAR, "--check=1"], "--check"),
         (["compare", "a"], "B"),
@@ -213,6 +214,7 @@ def test_wrong_input_is_named_and_nothing_is_written(tmp_path, arguments, named)
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
+        (("animate", "result.h5", "--from", 2.0), "--from, --until: "),
         (("plot", "result.h5", "--format", "gif"), "--format: "),
         (("plot", "result.h5", "--width", 3), "--width: "),
         (("plot", "result.h5", "--figure", "speeds"), "--figure: "),

@@ -1,4 +1,4 @@
-"""Figures: their numbers, what they apply to, files and errors."""
+"""Figures and animations: their numbers, what they apply to, files and errors."""
 
 from __future__ import annotations
 
@@ -16,16 +16,20 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from PIL import Image
 from result_samples import net, result, square_net, unfolding
 from scenes import CASES as SCENES
 from typer.testing import CliRunner
 
 import exunet
-from exunet.base.errors import FigureError, InputError
+from exunet.base.errors import FigureError, InputError, MissingExtra
 from exunet.base.run_events import NetEjected
 from exunet.bodies.shapes import Shape, Solid, packed
+from exunet.cli.animate import animate
 from exunet.cli.main import app
 from exunet.net.arrays import TetherNodes
+from exunet.plots import animation
+from exunet.plots.animation import save_animation, stored_times
 from exunet.plots.curves import compared
 from exunet.plots.nets import evenly_spaced
 from exunet.plots.registry import FIGURES, figure, save_figures
@@ -310,7 +314,7 @@ def test_bodies_hide_what_is_behind_them() -> None:
     scene = scene_3d(replace(of, bodies={"target": still}), [0])
     front = replace(scene, camera=replace(scene.camera, axes=np.eye(3), middle=np.zeros(3), follows=False))
     axes = Figure().subplots()
-    draw(axes, front, 0, 0.8)
+    draw(axes, front, 0)
     (faces,) = [item for item in axes.collections if isinstance(item, PolyCollection)]
     assert len(faces.get_paths()) == 2  # the face to the viewer, of two triangles
     assert set(np.concatenate([path.vertices for path in faces.get_paths()]).ravel()) == {-0.5, 0.5}
@@ -332,7 +336,7 @@ def test_a_cut_element_is_not_drawn_from_the_cut_on() -> None:
     drawn = []
     for k in (0, len(of.time) - 1):
         axes = Figure().subplots()
-        draw(axes, scene, k, 0.8)
+        draw(axes, scene, k)
         drawn.append(len(ends_drawn(axes)) // 2)
     assert drawn == [of.net.n_elements, of.net.n_elements - 1]
 
@@ -580,6 +584,9 @@ def test_many_curves_have_one_band() -> None:
         assert ends_at(band, last) == pytest.approx(ends), name
 
 
+# Animations
+
+SMALL = unfolding(square_net(strings=True), lift=0.3, times=5)
 EDGE = 0.1  # m
 # Lines along z beside a box of 1 m: a centimetre in its side, a centimetre in the sharp corner, which is
 # rounded away there (from the core's edge 0.09 sqrt(2) > 0.1), a centimetre off its side.
@@ -638,3 +645,55 @@ def test_a_thread_touches_within_its_radius(solid: Solid, beside: tuple[float, f
     position = np.column_stack([position, np.tile([-2.0, 2.0], 3)])
     scene = replace(scene, bodies={"box": box}, position=np.stack([position] * 2))
     assert touching(scene, 1).tolist() == [True, False, False]
+
+
+def test_a_gif_has_a_frame_for_each_stored_time(tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    count = save_animation(SMALL, tmp_path / "a.gif", 25.0, 0.2, None, lambda *one: seen.append(one))
+    assert count == 4
+    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    with Image.open(tmp_path / "a.gif") as made:
+        assert (made.n_frames, made.info["loop"], made.info["duration"]) == (4, 0, 40)
+        first = np.asarray(made.convert("RGB"))
+        made.seek(3)
+        assert (first != np.asarray(made.convert("RGB"))).any()
+
+
+def test_many_times_are_thinned_evenly() -> None:
+    time = np.linspace(0.0, 1.0, 10_001)
+    chosen = stored_times(time, 0.5, None, 2000)
+    assert len(chosen) == 2000
+    assert (chosen[0], chosen[-1]) == (5000, 10_000)
+    assert set(np.diff(chosen)) <= {2, 3}
+    assert stored_times(time, 0.5, 0.5, 2000) == [5000]
+    assert stored_times(0.1 * np.arange(10), 0.1 + 0.2, 0.3, 2000) == [3]  # 3 x 0.1 is after 0.3
+    assert stored_times(np.array([0.2, 0.3]), 0.1 + 0.2, None, 2000) == [1]
+
+
+def test_without_ffmpeg_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(animation, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtra, match=r"exunet\[movie\]"):
+        save_animation(SMALL, tmp_path / "a.mp4", 25.0)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "fps", "begin", "end", "words"),
+    [
+        ("a.avi", 25.0, None, None, ".gif or .mp4"),
+        ("a.gif", 60.0, None, None, "fps: "),
+        ("a.gif", 1e-12, None, None, "fps: "),
+        ("a.gif", float("nan"), None, None, "fps: "),
+        ("a.gif", 25.0, 0.6, 0.4, "from, until: "),
+        ("none/a.gif", 25.0, None, None, "cannot be written"),
+    ],
+)
+def test_wrong_arguments_write_nothing(
+    tmp_path: Path, name: str, fps: float, begin: float | None, end: float | None, words: str
+) -> None:
+    exunet.save(SMALL, tmp_path / "result.h5")
+    with pytest.raises(InputError) as refused:
+        animate(tmp_path / "result.h5", tmp_path / name, fps, begin, end, overwrite=False, quiet=True)
+    assert words in str(refused.value).replace("--", "")
+    assert [path.name for path in tmp_path.iterdir()] == ["result.h5"]
