@@ -248,6 +248,7 @@ API = {
         "load_result": "exunet.results.io",
         "save": "exunet.results.io",
         "export": "exunet.results.export",
+        "to_frame": "exunet.results.export",
         "summarise": "exunet.results.summary",
     },
     "Metrics": {
