@@ -30,7 +30,7 @@ _GROUPS = {
     "Add forces": "KernelTerm Input FirstOrder Blocks",
     "Couple a net to a host": "NetSystem FrameState PortLoad Coupler Ledger CoupledSnapshot",
     "Hosts": "Host BodiesHost ExudynHost add_to NativeItems export_fmu",
-    "Results": "Result ContactKey BodyStates load_result save export summarise",
+    "Results": "Result ContactKey BodyStates load_result save export to_frame summarise",
     "Metrics": """
         metrics Metric deployment Deployment mouth_area mesh_area achievable_area bullet_speeds
         centre_of_mass peak_tensions largest_tensions energy_balance loads CarriedLoads Loads clearance

@@ -11,10 +11,10 @@ import numpy as np
 from rich.filesize import decimal
 
 from exunet.base.arrays import Floats
-from exunet.base.times import reached
+from exunet.base.times import duration, reached
 from exunet.bodies.rigid import in_frames
 from exunet.bodies.rotations import rotation_matrix
-from exunet.cli.output import duration, print_table, status
+from exunet.cli.output import print_table, status
 from exunet.forces.closing import way_of
 from exunet.forces.cores import SAMPLED
 from exunet.forces.corner_units import Control, FormationControl, PointControl, TableControl, growth_of_error

@@ -6,9 +6,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from exunet.base.arrays import Floats
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.files import replacing
 from exunet.base.key_path import dotted, leaves
@@ -17,15 +14,16 @@ from exunet.cli.output import print_columns, print_line, print_table
 from exunet.cli.run import summary_at
 from exunet.plots.curves import compared
 from exunet.plots.style import SCREEN, drawing, write
-from exunet.results.comparison import Agreement, ComparedBodies, ComparedBreaks, ComparedRun, compare
+from exunet.results.comparison import ComparedRun, compare
 from exunet.results.ensemble import Ensemble, load_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
 from exunet.results.observables import Observables
 from exunet.results.run_folder import has_result, has_unfinished
 from exunet.results.run_record import CaseText
+from exunet.results.summary import summary_of_agreement, summary_of_metrics
+from exunet.results.table import agreement_words, differences_of_states
 from exunet.scene.casefile import parse_case
 
-SHOWN = 20  # times of states, evenly chosen, the last among them
 LINES = 12  # metrics that are printed without --all
 COMPARISON = "compare.png"
 VECTOR = 4  # numbers of a list that are compared together
@@ -69,7 +67,7 @@ def compare_designs(a: Path, b: Path, *, every: bool) -> Path | None:
     a, b : Path
         The results or ensembles, or their folders.
     every : bool
-        Print all metrics, and states over time.
+        Print all metrics.
 
     Returns
     -------
@@ -95,7 +93,7 @@ def compare_designs(a: Path, b: Path, *, every: bool) -> Path | None:
     if len(found) > len(shown):
         print_line(f"{len(found) - len(shown)} metrics more: --all")
     if one.run is not None and other.run is not None:
-        print_table("states", list(_states(one, other, every=every)))
+        print_table("states", list(_states(one, other)))
     place = (a if a.is_dir() else a.parent) / COMPARISON
     with drawing():
         figure = compared([(item.name, item.source, item.ensemble) for item in (one, other)])
@@ -112,24 +110,13 @@ def _design(path: Path) -> Design:
     if path.name == ENSEMBLE_FILE or no_result:
         ensemble = load_ensemble(path)
         words = ", ".join(f"{name} {number}" for name, number in ensemble.run.outcomes.items())
-        found = metrics_of_ensemble(ensemble)
+        found = summary_of_metrics({}, ensemble)
         return Design(str(path), ensemble.run.case, found, words, None, ensemble, ensemble)
     summary, result = summary_at(path), load_result(path)
     outcome = "" if summary.get("capture") is None else str(summary["capture"]["outcome"])
     around = None if result.ensemble_file is None else load_ensemble(result.ensemble_file)
     run = ComparedRun.of(result)
     return Design(str(path), result.run.case, summary["metrics"], outcome, run, Observables(result), around)
-
-
-def metrics_of_ensemble(ensemble: Ensemble) -> dict[str, dict[str, Any]]:
-    """Return the metrics of an ensemble, as in summary.json."""
-    found = {}
-    for key, about in ensemble.about.items():
-        if (bounds := ensemble.range(key)) is not None:
-            limits = {"median": bounds.median, "low": bounds.low, "high": bounds.high}
-            words = {"words": about.words, "unit": about.unit, "text": str(bounds)}
-            found[key] = {**words, "value": None, "range": limits}
-    return found
 
 
 SAME, WITHIN, BEYOND, NO_RANGE = "the same", "within the ranges", "beyond both ranges", "no range"
@@ -221,7 +208,7 @@ def _flat(stored: CaseText) -> dict[str, _Setting]:
     return {dotted(path): (shown(value), path in chosen) for path, value in every if value is not None}
 
 
-def _states(one: Design, other: Design, *, every: bool) -> Iterator[tuple[str, str]]:
+def _states(one: Design, other: Design) -> Iterator[tuple[str, str]]:
     """Return the differences of the states of two runs of the same net, or why they are missing."""
     assert one.run is not None
     assert other.run is not None
@@ -237,52 +224,10 @@ def _states(one: Design, other: Design, *, every: bool) -> Iterator[tuple[str, s
     if found.identical:
         yield "difference", "none: both have the same states, bit by bit"
         return
-    yield from _of_states(found, every=every)
-    yield from _bodies(found.bodies, found.time)
-    yield from ((f"body {name}", f"only in {one.name}") for name in found.bodies.only_a)
-    yield from ((f"body {name}", f"only in {other.name}") for name in found.bodies.only_b)
-    yield from _broken(found.broken, one.name, other.name)
-
-
-def _of_states(found: Agreement, *, every: bool) -> Iterator[tuple[str, str]]:
-    shown = np.unique(np.linspace(0, len(found.time) - 1, SHOWN).round().astype(int)) if every else ()
-    for k in shown:
-        position, speed = found.position_difference[k], found.speed_difference[k]
-        yield f"t = {found.time[k]:.6g} s", f"positions {position:.3e} m, speeds {speed:.3e} m/s"
-    yield "largest", f"positions {_largest(found.position_difference, found.time, 'm')}"
-    yield "", f"speeds of the {found.speeds_of} {_largest(found.speed_difference, found.time, 'm/s')}"
-    yield "allowed", f"positions {found.allowed_position:.3e} m, speeds {found.allowed:.3e} m/s"
-    yield "first beyond that", _instant(found.agrees_until)
-    yield "beyond it to the end", _instant(found.apart_from)
-
-
-def _bodies(found: ComparedBodies, time: Floats) -> Iterator[tuple[str, str]]:
-    """Return the largest differences of each body of both runs."""
-    for name, body in found.both.items():
-        yield f"body {name}", f"position {_largest(body.position, time, 'm')}"
-        yield "", f"velocity {_largest(body.velocity, time, 'm/s')}"
-        if body.attitude is not None and body.angular_velocity is not None:
-            yield "", f"attitude {_largest(body.attitude, time, 'rad')}"
-            yield "", f"angular velocity {_largest(body.angular_velocity, time, 'rad/s')}"
-        allowed = f"position {body.allowed_position:.3e} m"
-        allowed += "" if body.attitude is None else f", attitude {body.allowed_attitude:.3e} rad"
-        yield "", f"allowed: {allowed}; first beyond that: {_instant(body.agrees_until)}"
-
-
-def _broken(found: ComparedBreaks | None, a: str, b: str) -> Iterator[tuple[str, str]]:
-    """Return which elements broke in both runs, and in one only."""
-    if found is None:
-        return
-    yield "broken in both", f"{len(found.both)} element(s), times within {found.apart:.3e} s"
-    for elements, where in ((found.only_a, a), (found.only_b, b)):
-        if elements:
-            yield "broken", f"only in {where}: {', '.join(map(str, elements))} (numbers of {a})"
-
-
-def _largest(difference: Floats, time: Floats, unit: str) -> str:
-    at = int(np.argmax(difference))
-    return f"{difference[at]:.3e} {unit} at t = {time[at]:.6g} s"
-
-
-def _instant(time: float | None) -> str:
-    return "never" if time is None else f"t = {time:.6g} s"
+    check = summary_of_agreement(found)
+    yield "agreement", agreement_words(check)
+    if found.apart_from is not None:
+        yield "apart for good", f"from {found.apart_from:.4g} s on"
+    yield from differences_of_states(check)
+    for names, design in ((found.bodies.only_a, one), (found.bodies.only_b, other)):
+        yield from ((f"body {name}", f"only in {design.name}") for name in names)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from exunet.base.errors import InputError
 from exunet.base.files import markdown_table, replacing
+from exunet.base.times import duration
 from exunet.cli.cost_figure import figure_of
 from exunet.cli.output import folder_of, opened, print_columns, print_table, ready, status
 from exunet.kernels.compile import numba_installed
@@ -14,7 +15,7 @@ from exunet.plots.style import drawing
 from exunet.results.run_folder import refuse_replacing
 from exunet.scene.casefile import Case
 from exunet.scene.scene import SHORTEST
-from exunet.studies.cost.report import Rows, rows_of, tables, wall, write_csv
+from exunet.studies.cost.report import Rows, rows_of, tables, write_csv
 from exunet.studies.cost.settings import is_capture
 from exunet.studies.cost.study import CostStudy, run_studies, studies_of
 
@@ -69,7 +70,7 @@ def cost(
             rows.insert(0, ("INCOMPLETE", "interrupted; settings measured before are stored"))
         if not numba_installed():
             rows.append(("note", "no compiled loop without Numba (pip install numba)"))
-        facts, solution = f"took {wall(seconds)}", parts[0].converged
+        facts, solution = f"took {duration(seconds)}", parts[0].converged
         if solution is not None:
             horizon = "its end" if solution.horizon is None else f"{solution.horizon:.3g} s"
             facts = f"predictable until {horizon}; {facts}"

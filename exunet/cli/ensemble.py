@@ -18,23 +18,13 @@ from exunet.cli.output import (
     opened,
     print_table,
     ready,
-    report,
 )
-from exunet.kernels.compile import require_numba
 from exunet.plots.registry import ENSEMBLE_FIGURES, save_figures
 from exunet.results.ensemble import Ensemble, save_ensemble, sensitivity, words_of_endings
 from exunet.results.io import ENSEMBLE_FILE
 from exunet.results.run_folder import held, refuse_replacing
 from exunet.scene.casefile import Case
-from exunet.simulation.preparation import prepare_case
-from exunet.studies.ensemble import (
-    ensemble,
-    small_perturbation_note,
-    validate_arguments,
-    validate_memory,
-    validate_method,
-    validate_perturbation,
-)
+from exunet.studies.ensemble import ensemble
 
 _FILES = tuple(f"{name}.png" for name in ENSEMBLE_FIGURES)
 
@@ -64,14 +54,6 @@ def run_ensemble_case(case: Case, options: EnsembleOptions) -> ExunetError | Non
     InputError
         Before any run, for wrong options, or a folder that cannot be written or has an ensemble.
     """
-    with as_options():
-        validate_arguments(options.runs, options.perturb, options.seed)
-    start = prepare_case(case)
-    validate_method(start)
-    require_numba("an ensemble")
-    with as_options():
-        validate_memory(options.runs, start)
-        validate_perturbation(start, options.perturb)
     wanted = options.out or folder_of(case, "ensemble")
     with opened(wanted, own=options.out is None and not options.overwrite) as folder, held(folder):
         ready(folder, (ENSEMBLE_FILE, *_FILES))
@@ -82,10 +64,8 @@ def run_ensemble_case(case: Case, options: EnsembleOptions) -> ExunetError | Non
             )
         if not options.overwrite:
             refuse_replacing(folder, _FILES)
-        if not options.quiet and (note := small_perturbation_note(start, options.perturb)):
-            report(f"note: {note}")
         stopped: RunStopped | None = None
-        with ProgressBar(quiet=options.quiet) as bar:
+        with as_options("runs", "perturb", "seed"), ProgressBar(quiet=options.quiet) as bar:
             update = bar.begin("run", options.runs)
             try:
                 result = ensemble(case, options.runs, options.perturb, options.seed, progress=update)

@@ -399,7 +399,7 @@ def compare_command(
     b: Annotated[
         Path, typer.Argument(help="result, ensemble or study, or its folder", metavar="B", parser=as_path)
     ],
-    every: Annotated[bool, typer.Option("--all", help="all metrics, and states over time")] = False,
+    every: Annotated[bool, typer.Option("--all", help="all metrics")] = False,
 ) -> None:
     """Print the differences of two designs: keys of the case, metrics, states.
 
@@ -427,7 +427,6 @@ def plot_command(
         list[str] | None,
         typer.Option("--figure", help="figure to draw; may be repeated (default: all)", metavar="NAME"),
     ] = None,
-    grid: Annotated[bool, typer.Option("--grid", help="reference grid in the 3-D snapshots")] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Draw the figures of a result or a study.
@@ -436,7 +435,7 @@ def plot_command(
     """
     from exunet.cli.plot import plot
 
-    for path in plot(result, out, kind, width, names, grid=grid, overwrite=overwrite):
+    for path in plot(result, out, kind, width, names, overwrite=overwrite):
         typer.echo(path)
 
 

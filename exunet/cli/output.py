@@ -18,6 +18,7 @@ import typer
 
 from exunet.base.cases import found
 from exunet.base.errors import InputError
+from exunet.base.times import duration
 from exunet.methods.method import Backend
 
 if TYPE_CHECKING:
@@ -123,11 +124,11 @@ def _live(*columns: ProgressColumn, quiet: bool) -> Progress:
 
 
 @contextmanager
-def status(message: str = "", *, quiet: bool = False) -> Iterator[Callable[[str], None]]:
+def status(message: str = "") -> Iterator[Callable[[str], None]]:
     """Show on a terminal what is running; yields the function that changes the message."""
     from rich.progress import SpinnerColumn, TextColumn
 
-    with _live(SpinnerColumn(), TextColumn("{task.description}"), quiet=quiet) as line:
+    with _live(SpinnerColumn(), TextColumn("{task.description}"), quiet=False) as line:
         number = line.add_task(message, total=None)
 
         def show(message: str) -> None:
@@ -185,14 +186,6 @@ class ProgressBar:
                 report(f"{what} {done:.4g} of {total:.4g} {unit}{known} {remark}".rstrip())
 
         return update
-
-
-def duration(seconds: float) -> str:
-    """Return a time with two digits, in a suitable unit."""
-    units = ((365.25 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"))
-    size, unit = next(((size, unit) for size, unit in units if seconds >= 2.0 * size), (1.0, "s"))
-    value = float(f"{seconds / size:.2g}")
-    return f"{value:.0f} {unit}" if value >= 10.0 else f"{value:g} {unit}"
 
 
 MIN_RUNS, MAX_RUNS = 8, 100_000  # perturbed runs

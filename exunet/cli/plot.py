@@ -18,7 +18,6 @@ def plot(
     width: float,
     names: Sequence[str] | None,
     *,
-    grid: bool,
     overwrite: bool,
 ) -> list[Path]:
     """Draw a result with its perturbed runs; return the paths of the figures.
@@ -37,8 +36,6 @@ def plot(
         85 or 170 [mm].
     names : sequence of str or None
         Figures to draw; None: all that apply.
-    grid : bool
-        Draw a reference grid in snapshots.
     overwrite : bool
         Replace figures in a folder that is not the result's own.
 
@@ -62,7 +59,7 @@ def plot(
     if not (shows_own or overwrite):
         refuse_replacing(folder, [f"{name}.{kind}" for name in names or FIGURES])
     with opened(folder, own=False), as_options("format", "figure", "width"):
-        return save_figures(result, folder, names=names, format=kind, width=width, grid=grid, overwrite=True)
+        return save_figures(result, folder, names=names, format=kind, width=width, overwrite=True)
 
 
 def _plot_study(

@@ -6,7 +6,7 @@ import json
 import time as clock
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from exunet.cli.output import (
 from exunet.kernels.compile import numba_installed
 from exunet.model.limits import LARGE_FACTOR, describe_limit, drive_factor
 from exunet.results.comparison import Agreement
-from exunet.results.ensemble import Ensemble, directions, save_ensemble
+from exunet.results.ensemble import Ensemble, save_ensemble
 from exunet.results.io import ENSEMBLE_FILE, RESULT_FILE, load_result
 from exunet.results.measures import energy_divisor
 from exunet.results.observables import Observables
@@ -234,7 +234,7 @@ def _describe(
     failed = None
     if request.estimate and result.complete:
         try:
-            summary["error_estimate"] = estimate_error(request.case.scene, result).numbers()
+            summary["error_estimate"] = asdict(estimate_error(request.case.scene, result))
         except RunStopped as error:
             failed = type(error)(f"the error could not be estimated: {error}")
     write_summary(summary, folder / SUMMARY)
@@ -282,8 +282,7 @@ def _perturbed_runs(
         return "none: the run stopped before its end", None
     update = bar.begin("perturbed runs", runs)
     try:
-        along = directions({name: part.gained[:, :6] for name, part in run.momenta.items()})
-        return perturbed_runs(prepare_case(case), runs, along=along, progress=update), None
+        return perturbed_runs(prepare_case(case), runs, progress=update), None
     except KeyboardInterrupt:
         reason = "interrupted during the perturbed runs"
         return reason, Interrupted(f"{reason}; the result is written", run.result)

@@ -11,7 +11,8 @@ import numpy as np
 import typer
 
 from exunet.base.errors import ExunetError, FigureError, InputError
-from exunet.cli.output import RESULTS, ProgressBar, duration, report, silent, terminal_width
+from exunet.base.times import duration
+from exunet.cli.output import RESULTS, ProgressBar, report, silent, terminal_width
 from exunet.cli.run import RunOptions, run_case
 from exunet.plots.registry import STUDY_FIGURES, save_figures
 from exunet.results.outcome import Outcome

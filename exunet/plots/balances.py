@@ -1,4 +1,4 @@
-"""Balances over time: energies, momentum and angular momentum of the parts."""
+"""Energies over time, and the error of their balance."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from exunet.base.arrays import Floats
-from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, FigureData, curve_styles
+from exunet.plots.style import BLACK, BLUE, RED, YELLOW, FigureData
 from exunet.plots.time_axes import curve, draw_bands, fill, finish, stacked_axes
 from exunet.results import measures as metrics
-from exunet.results.ensemble import directions
-from exunet.results.measures import IMPULSE_OF, KINDS, momenta
-from exunet.results.observables import DISSIPATED, Observables, momentum_name
+from exunet.results.observables import DISSIPATED, Observables
 from exunet.results.result import Result
 
 Part = tuple[Floats, dict[str, Any]]  # values over time, style of their curve
@@ -33,8 +31,6 @@ _DISSIPATED: tuple[dict[str, Any], ...] = (
     {"linestyle": "-.", "marker": "d"},
     {"linestyle": (0, (7, 2)), "marker": "x"},
 )
-_RESOLVED = 1e-9  # of the sums of |m v| and |m x x v|: smaller changes are round-off
-_MOMENTA = {"linear": ("momentum", "kg m/s"), "angular": ("angular momentum about the origin", "kg m²/s")}
 
 
 def energies(source: FigureData) -> Figure | None:
@@ -46,14 +42,14 @@ def energies(source: FigureData) -> Figure | None:
     """
     result, ensemble = source.result, source.ensemble
     parts: dict[str, Part] = {
-        "dissipated": (metrics.dissipation(result), {"color": YELLOW, "linewidth": 2.6, "marker": "s"}),
+        "dissipated": (source.run.dissipated, {"color": YELLOW, "linewidth": 2.6, "marker": "s"}),
         "elastic": (np.asarray(result.elastic), {"color": RED, "linewidth": 1.6}),
         "kinetic": (np.asarray(result.kinetic), {"color": BLUE, "linewidth": 1.2, "linestyle": "--"}),
     }
     if np.any(result.potential != result.potential[0]):
         dotted = {"color": BLACK, "linewidth": 1.0, "linestyle": ":", "marker": "v"}
         parts["potential"] = (np.asarray(result.potential), dotted)
-    parts |= _stored_in_contact(result) | _dissipated(result) | _works(result)
+    parts |= _stored_in_contact(source.run) | _dissipated(source.run) | _works(result)
     if not any(np.ptp(values) for values, _ in parts.values()):
         return None
     labels = ["energy change [J]", "error of the\nbalance [J]"]
@@ -73,20 +69,20 @@ def energies(source: FigureData) -> Figure | None:
     return finish(source, figure)
 
 
-def _stored_in_contact(result: Result) -> dict[str, Part]:
+def _stored_in_contact(run: Observables) -> dict[str, Part]:
     """Return the energy that contacts store, where the potential energy has other parts too."""
-    stored = Observables(result).stored_in_contact
-    if stored is None or not np.any(stored) or np.allclose(stored, result.potential, rtol=1e-9, atol=0.0):
+    stored, whole = run.stored_in_contact, run.result.potential
+    if stored is None or not np.any(stored) or np.allclose(stored, whole, rtol=1e-9, atol=0.0):
         return {}
     return {
         "stored in contact": (stored, {"color": BLACK, "linewidth": 1.0, "linestyle": "-.", "marker": "^"})
     }
 
 
-def _dissipated(result: Result) -> dict[str, Part]:
+def _dissipated(run: Observables) -> dict[str, Part]:
     """Return the parts of the dissipation in contacts and a closing line."""
-    parts = Observables(result).dissipated_by
-    shown = [(f"by {DISSIPATED[name]}", values) for name, values in parts.items() if np.ptp(values)]
+    parts = run.dissipated_by.items()
+    shown = [(f"by {DISSIPATED[name]}", values) for name, values in parts if np.ptp(values)]
     return {
         label: (part, {"color": YELLOW, "linewidth": 1.2, **style})
         for (label, part), style in zip(shown, _DISSIPATED, strict=False)
@@ -123,60 +119,3 @@ def _fill_to_extremes(axes: Axes, time: Floats, values: Floats, extremes: Floats
 
 def _labels(axes: Axes) -> list[str]:
     return axes.get_legend_handles_labels()[1]
-
-
-def momentum(source: FigureData) -> Figure | None:
-    """Changes of momentum and of angular momentum about the scene's origin, of each body and the net.
-
-    With the impulses of external effects and of bodies of prescribed motion, and the parts less the impulses,
-    which is error. Each panel shows the components along the direction of the largest change, in the axes of
-    the scene: that of the ensemble where there is one. Of more than seven curves the largest. Changes below
-    `_RESOLVED` of the momenta of all points are round-off, and do not fill a panel.
-    """
-    result, ensemble = source.result, source.ensemble
-    series = {name: part.gained[:, :6] for name, part in momenta(result).items()}
-    resolved = {kind: _RESOLVED * size for kind, size in metrics.momentum_sizes(result).items()}
-    if not any(
-        float(np.abs(values[:, columns]).max(initial=0.0)) > resolved[kind]
-        for kind, columns in KINDS.items()
-        for values in series.values()
-    ):
-        return None
-    given = [name for name in series if name.startswith(IMPULSE_OF)]
-    largest = sorted(series, key=lambda name: -_share(series, name))[: MAX_CURVES - 1]
-    shown = [name for name in series if name in largest]
-    styles = dict(zip(shown, curve_styles(len(shown)), strict=True))
-    stored = {} if ensemble is None else ensemble.run.momenta_along
-    along_of = directions(series) | {kind: np.array(vector) for kind, vector in stored.items()}
-    figure, axes = stacked_axes(source, [""] * len(KINDS), 125.0)
-    for panel, (kind, columns) in zip(axes, KINDS.items(), strict=True):
-        changes = {name: values[:, columns] for name, values in series.items()}
-        along = along_of[kind]
-        for place, (name, style) in enumerate(styles.items()):
-            curve(panel, result.time, changes[name] @ along, place / len(shown), label=name, **style)
-        rest = sum(-change if name in given else change for name, change in changes.items())
-        thin: dict[str, Any] = {"color": BLACK, "linewidth": 0.7, "linestyle": ":"}
-        label = "parts less impulses" if given else "all parts"
-        curve(panel, result.time, np.asarray(rest @ along), label=label, **thin)
-        colors = {momentum_name(kind, name): style["color"] for name, style in styles.items()}
-        draw_bands(panel, ensemble, colors)
-        low, high = panel.get_ylim()
-        if max(-low, high) < resolved[kind]:
-            panel.set_ylim(-resolved[kind], resolved[kind])
-        components = ", ".join(f"{round(part, 2) + 0.0:g}" for part in along)
-        name, unit = _MOMENTA[kind]
-        along_words = f"along ({components})".replace("-", "\N{MINUS SIGN}")
-        panel.set_ylabel(f"change of {name}\n{along_words}\n[{unit}]")
-    more = len(series) - len(shown)
-    return finish(source, figure, [f"{more} more, with smaller changes"] if more else [])
-
-
-def _share(series: dict[str, Floats], name: str) -> float:
-    """Return the largest change of a part relative to that of all parts, of both kinds."""
-    shares = []
-    for columns in KINDS.values():
-        sizes = {
-            part: float(np.linalg.norm(values[:, columns], axis=1).max()) for part, values in series.items()
-        }
-        shares.append(sizes[name] / (max(sizes.values()) or 1.0))
-    return max(shares)

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from exunet.base.arrays import Floats
 from exunet.forces.contact.status import ContactKey
-from exunet.net.areas import mouth_diameter
 from exunet.plots.style import BLACK, BLUE, MAX_CURVES, RED, YELLOW, FigureData, curve_styles
 from exunet.plots.time_axes import curve, draw_bands, finish, from_zero, stacked_axes
 from exunet.results.observables import EDGE, LINE
-from exunet.results.result import Result, over_blocks
 
 Line = tuple[str | None, str, str]  # label, colour and style
 
@@ -83,7 +80,7 @@ def capture(source: FigureData) -> Figure | None:
 
 def closing(source: FigureData) -> Figure | None:
     """Tension and length of a closing line, or the part left of an edge; below, the diameter of the mouth."""
-    result, time = source.result, source.result.time
+    run, result, time = source.run, source.result, source.result.time
     panels: list[tuple[str, dict[str, Line]]]
     if EDGE in result.states:
         panels = [("part of the edge's\nlength left [1]", {EDGE: (None, BLUE, "-")})]
@@ -99,12 +96,12 @@ def closing(source: FigureData) -> Figure | None:
         panels = [("tension of\nthe line [N]", tension), ("length [m]", lengths)]
     else:
         return None
-    values = {name: _state(result, name) for _, curves in panels for name in curves}
+    values = {name: run.state(name)[:, 0] for _, curves in panels for name in curves}
     if not any(np.ptp(series) for series in values.values()):
         return None
-    if len(result.net.mouth) > 1:
+    if len(result.net.mouth) > 1 and run.mouth is not None:
         panels.append(("diameter of\nthe mouth [m]", {"mouth": (None, BLACK, "-")}))
-        values["mouth"] = over_blocks(partial(mouth_diameter, result.net), result.position)
+        values["mouth"] = run.mouth
     start, end = values.get(f"{LINE}tension_start"), values.get(f"{LINE}tension_end")
     if start is not None and end is not None and np.array_equal(start, end):  # without friction
         panels[0] = (panels[0][0], {f"{LINE}tension_start": ("tension of the line", BLUE, "-")})
@@ -115,7 +112,3 @@ def closing(source: FigureData) -> Figure | None:
         draw_bands(panel, source.ensemble, {name: color for name, (_, color, _) in curves.items()})
         from_zero(panel)
     return finish(source, figure)
-
-
-def _state(result: Result, name: str) -> Floats:
-    return np.asarray(result.states[name].values[:])[:, 0]

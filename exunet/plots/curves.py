@@ -54,7 +54,7 @@ _MARK: dict[str, Any] = {"color": BLACK, "markersize": 6, "markerfacecolor": "no
 def bullet_speeds(source: FigureData) -> Figure | None:
     """Speed of each bullet over time, and of the reference's; band: slowest to fastest of perturbed runs."""
     result, agreement = source.result, source.agreement
-    speeds = metrics.bullet_speeds(result)
+    speeds = source.run.bullet_speed
     count = speeds.shape[1]
     if not np.any(speeds):
         return None
@@ -101,7 +101,7 @@ def area(source: FigureData) -> Figure | None:
     if measures is not None and (
         measures.constant or measures.time_of_largest > result.time[0]
     ):  # not open yet
-        largest = range_of(ensemble, "largest_area_m2", achievable)
+        largest = range_of(ensemble, "relative_area")
         when = range_of(ensemble, "time_of_largest_area_s")
         label = label_of_mark("largest", largest, when) + (" (the end)" if measures.at_end else "")
         label = f"constant: {number(measures.relative_area)}" if measures.constant else label

@@ -85,7 +85,7 @@ def snapshots(source: FigureData) -> Figure:
         axes.remove()
     thin = 0.9 * line_width(result.net)
     for number_of, (k, axes) in enumerate(zip(chosen, grid.flat, strict=False), start=1):
-        prepare(axes, scene, grid=source.grid)
+        prepare(axes, scene)
         draw(axes, scene, k, width=thin)
         title = f"({number_of})  t = {number(result.time[k])} s"
         axes.set_title(title, loc="left", fontsize=SMALL, pad=3, y=1.0)

@@ -38,7 +38,6 @@ FIGURES = {
     "tensions": Entry(tensions.tensions, "taut elements of the net"),
     "tethers": Entry(tensions.tethers, "taut tethers"),
     "largest_tension": Entry(tensions.largest_tension, "taut elements"),
-    "momentum": Entry(balances.momentum, "a body, and momentum that changes"),
     "loads": Entry(tensions.loads_on_bodies, "threads that pull on bodies"),
     "distances": Entry(curves.distances, "two bodies with shapes"),
     "rotation": Entry(curves.rotation, "a rotating rigid body"),
@@ -61,7 +60,7 @@ STUDY_FIGURES = {
 }
 
 
-@takes(result=(Result, Ensemble, StudyData), name=str, agreement=Agreement, ensemble=Ensemble, grid=bool)
+@takes(result=(Result, Ensemble, StudyData), name=str, agreement=Agreement, ensemble=Ensemble)
 def figure(
     result: Result | Ensemble | StudyData,
     name: str,
@@ -69,7 +68,6 @@ def figure(
     agreement: Agreement | None = None,
     ensemble: Ensemble | None = None,
     width: float = 170.0,
-    grid: bool = False,
 ) -> Figure:
     """Draw one figure of a result, an ensemble or a study.
 
@@ -86,8 +84,6 @@ def figure(
         the numbers of extreme values. Default: that beside the file of the result, if any.
     width : float
         85 or 170 [mm], a column or a page of a journal.
-    grid : bool
-        Draw a reference grid in "snapshots".
 
     Returns
     -------
@@ -99,7 +95,7 @@ def figure(
     InputError
         For an unknown name, another width, or a result to which the figure does not apply.
     """
-    table, arguments = _prepare(result, agreement, ensemble, width, grid)
+    table, arguments = _prepare(result, agreement, ensemble, width)
     if name not in table:
         raise InputError(f"figure: {name!r} is not one of {', '.join(table)}")
     with drawing():
@@ -115,7 +111,6 @@ def figure(
     ensemble=Ensemble,
     format=str,
     names=(list, tuple),
-    grid=bool,
     overwrite=bool,
 )
 def save_figures(
@@ -127,7 +122,6 @@ def save_figures(
     names: Sequence[str] | None = None,
     format: str = "png",  # noqa: A002 - as Matplotlib calls it
     width: float = 170.0,
-    grid: bool = False,
     overwrite: bool = False,
 ) -> list[Path]:
     """Write the figures of a result, an ensemble or a study as NAME.FORMAT into a folder.
@@ -136,7 +130,7 @@ def save_figures(
 
     Parameters
     ----------
-    result, agreement, ensemble, width, grid
+    result, agreement, ensemble, width
         See `figure`.
     folder : str or Path
         Made if it does not exist.
@@ -161,7 +155,7 @@ def save_figures(
         After the other figures are written, if one cannot be drawn, or does not apply but is named.
     """
     folder = path_of(folder, "save_figures")
-    table, arguments = _prepare(result, agreement, ensemble, width, grid)
+    table, arguments = _prepare(result, agreement, ensemble, width)
     if format not in FORMATS:
         raise InputError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
     if unknown := [name for name in names or () if name not in table]:
@@ -223,7 +217,6 @@ def _prepare(
     agreement: Agreement | None,
     ensemble: Ensemble | None,
     width: float,
-    grid: bool = False,
 ) -> tuple[dict[str, Entry], tuple[Any, ...]]:
     """Return the figures of a result, and the arguments of the functions that draw them."""
     if width not in WIDTHS:
@@ -234,4 +227,4 @@ def _prepare(
         return STUDY_FIGURES, (result, float(width))
     if ensemble is None and result.ensemble_file is not None:
         ensemble = load_ensemble(result.ensemble_file)
-    return FIGURES, (FigureData(result, ensemble, agreement, float(width), grid),)
+    return FIGURES, (FigureData(result, ensemble, agreement, float(width)),)

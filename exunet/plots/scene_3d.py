@@ -265,25 +265,11 @@ def hidden(points: Floats, faces: Floats, slack: Floats) -> Bools:
     return found
 
 
-def prepare(axes: Axes, scene: Scene3D, *, grid: bool = False) -> None:
-    """Set limits and equal scales; without a grid the axes are not drawn."""
-    (x, y), camera = scene.camera.half, scene.camera
+def prepare(axes: Axes, scene: Scene3D) -> None:
+    """Set limits and equal scales; the axes are not drawn."""
+    x, y = scene.camera.half
     axes.set(xlim=(-x, x), ylim=(-y, y), aspect="equal", xticks=[], yticks=[])
     axes.set_axis_off()
-    if grid:
-        _draw_grid(axes, camera)
-
-
-def _draw_grid(axes: Axes, camera: Camera) -> None:
-    """Draw a square grid in the plane of the scene's x and z axes below the view, a scale unit wide."""
-    step, reach = scale_of(camera), max(camera.half)
-    n = int(np.ceil(reach / step))
-    ticks = np.arange(-n, n + 1) * step
-    down = -camera.half[1] / max(camera.axes[1, 1], 0.3) * 0.6
-    ends = [((tick, down, -n * step), (tick, down, n * step)) for tick in ticks]
-    ends += [((-n * step, down, tick), (n * step, down, tick)) for tick in ticks]
-    lines = (np.array(ends) @ camera.axes.T)[:, :, :2]
-    axes.add_collection(LineCollection(list(lines), colors="0.85", linewidths=0.4, zorder=0.5), autolim=False)
 
 
 def scale_of(camera: Camera) -> float:

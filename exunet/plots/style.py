@@ -144,7 +144,6 @@ class FigureData:
     ensemble  : its perturbed runs, if any
     agreement : its comparison with the reference, if any
     width     : of the figure [mm]
-    grid      : draw a reference grid below 3-D views
     known     : its observables, if they were computed before
     """
 
@@ -152,7 +151,6 @@ class FigureData:
     ensemble: Ensemble | None = None
     agreement: Agreement | None = None
     width: float = 170.0
-    grid: bool = False
     known: Observables | None = None
 
     @cached_property

@@ -9,7 +9,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap, ListedColormap, Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
@@ -27,8 +27,8 @@ from exunet.plots.time_axes import (
     stacked_axes,
 )
 from exunet.results.ensemble import Range
-from exunet.results.loads import PACKED, attached_nodes, attachment_loads
-from exunet.results.measures import largest_tensions, peak_tensions
+from exunet.results.loads import PACKED, attached_nodes
+from exunet.results.measures import peak_tensions
 from exunet.results.observables import PULLS, pull_name
 from exunet.results.result import Result
 
@@ -42,7 +42,7 @@ def largest_tension(source: FigureData) -> Figure | None:
     The curve has the stored times only: a snap between two of them shows in the mark alone.
     """
     result, ensemble = source.result, source.ensemble
-    values = largest_tensions(result) if result.net.n_elements else np.zeros(0)
+    values = source.run.tension
     peak = result.run.largest_tension
     taut = peak is not None and peak.element >= 0
     if not np.any(values) and not taut:
@@ -78,10 +78,11 @@ def tensions(source: FigureData) -> Figure | None:
     top = max(float(peaks.max()), 0.0 if ranged is None else ranged.high)
     view = best_view(net, margin=0.08)
     figure, panel = framed(source, view, beside=25.0)
-    shown = ScalarMappable(Normalize(0.0, top), tension_colors())
+    colors = colormaps["cividis_r"](np.linspace(0.1, 1.0, 256))  # whose lightest shows on white
+    shown = ScalarMappable(Normalize(0.0, top), ListedColormap(colors, "tensions"))
     widths = line_width(net) * (0.6 + 3.0 * peaks / top)
     for axes, plane in zip(panel, view.planes, strict=True):
-        draw_tensions(axes, net.reference_position[net.element_nodes][..., plane], peaks, shown, widths)
+        _draw_tensions(axes, net.reference_position[net.element_nodes][..., plane], peaks, shown, widths)
         dots = net.reference_position[net.bullet_nodes][:, plane]
         axes.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0)
     label = f"largest tension\n{_steps(result, largest)} [N]"
@@ -99,23 +100,16 @@ def tensions(source: FigureData) -> Figure | None:
     return figure
 
 
-def draw_tensions(
+def _draw_tensions(
     axes: Axes, segments: Floats, tension: Floats, shown: ScalarMappable, widths: Floats
-) -> list[LineCollection]:
+) -> None:
     """Draw elements, segments (n, 2, 2), by their tension [N]: the largest on top, slack ones dotted."""
     order = np.argsort(tension, kind="stable")
     taut, slack = order[tension[order] > 0.0], order[tension[order] <= 0.0]
     drawn = LineCollection(list(segments[taut]), cmap=shown.cmap, norm=shown.norm, capstyle="round")
     drawn.set(array=tension[taut], linewidths=widths[taut])
-    collections = [LineCollection(list(segments[slack]), **_SLACK), drawn]
-    for collection in collections:
+    for collection in (LineCollection(list(segments[slack]), **_SLACK), drawn):
         axes.add_collection(collection, autolim=False)
-    return collections
-
-
-def tension_colors() -> Colormap:
-    """Return the colours from small to large tension, from light to dark; the lightest shows on white."""
-    return ListedColormap(colormaps["cividis_r"](np.linspace(0.1, 1.0, 256)), "tensions")
 
 
 def tethers(source: FigureData) -> Figure | None:
@@ -157,7 +151,7 @@ def loads_on_bodies(source: FigureData) -> Figure | None:
     force.
     """
     result = source.result
-    sizes = attachment_loads(result)
+    sizes = source.run.attachments
     pulled = [place for place, values in sizes.items() if values.any()]
     if not pulled:
         return None

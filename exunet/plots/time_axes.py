@@ -174,10 +174,9 @@ def draw_bands(
     axes.fill_between([], [], color=BLACK, alpha=0.22, linewidth=0, label=label)
 
 
-def range_of(ensemble: Ensemble | None, key: str, scale: float = 1.0) -> Range | None:
-    """Return the range of a metric of an ensemble as a part of a scale; None if it is not available."""
-    found = None if ensemble is None else ensemble.range(key)
-    return found if found is None or scale == 1.0 else found.relative_to(scale)
+def range_of(ensemble: Ensemble | None, key: str) -> Range | None:
+    """Return the range of a metric of an ensemble; None if it is not available."""
+    return None if ensemble is None else ensemble.range(key)
 
 
 def label_of_mark(name: str, value: Range | None, when: Range | None = None) -> str:

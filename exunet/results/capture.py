@@ -63,9 +63,8 @@ class Measures(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Target of a capture, in its own frame.
+    """Target of a capture, from its centre of mass.
 
-    centre  : (3,) its centre of mass [m]
     points  : (m, 3) spread evenly inside [m]
     corners : (k, 3) of its convex hull, round edges by `exunet.bodies.distance.AROUND` corners [m]
     volume, surface : of this hull [m3], [m2]
@@ -73,7 +72,6 @@ class Target:
     """
 
     shape: Shape
-    centre: tuple[float, float, float]
     points: Floats
     corners: Floats
     volume: float
@@ -82,8 +80,8 @@ class Target:
 
 
 @lru_cache(maxsize=16)
-def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Target:
-    """A target of a shape with its centre of mass [m] in its frame; of a mesh it is the convex hull."""
+def target_of(shape: Shape) -> Target:
+    """A target of a shape in the axes of the body; of a mesh it is the convex hull."""
     meshes = [polyhedron(item) for item in shape.solids] + ([] if shape.mesh is None else [shape.mesh])
     hulls = [scipy.spatial.ConvexHull(mesh.vertices) for mesh in meshes]
     whole = scipy.spatial.ConvexHull(np.concatenate([hull.points[hull.vertices] for hull in hulls]))
@@ -102,7 +100,6 @@ def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     length = float(scipy.spatial.distance.pdist(corners).max())
     return Target(
         shape,
-        centre,
         np.asfortranarray(chosen[:POINTS]),
         corners,
         float(whole.volume),
@@ -171,7 +168,7 @@ def _of_pieces(result: Result, rows: NDArray[np.int64]) -> Iterator[tuple[int, i
 
 def pieces_at(result: Result, time: float) -> list[Ints]:
     """Return the nodes of each piece of a net at a time [s], that with most thread first."""
-    net, nodes = result.net, nodes_of_net(result.net)[0]
+    net, nodes = result.net, nodes_of_net(result.net)
     broken = [element for element, at in broken_at(result).items() if at <= time]
     kept = np.setdiff1d(np.arange(net.n_net_elements), broken)
     if len(kept) == net.n_net_elements:
@@ -199,7 +196,7 @@ def capture(
     body   : of the target, (t, 7) place [m] and attitude of its frame, (t, 6) velocity of its centre of mass
              [m/s] and angular velocity in its own axes [rad/s]
     """
-    nodes = nodes_of_net(net)[0] if piece is None else piece
+    nodes = nodes_of_net(net) if piece is None else piece
     mass = net.mass[nodes]
     x, v = (values[:, nodes] for values in points)
     pose, twist = body
@@ -217,7 +214,7 @@ def capture(
     opened = np.minimum(area / most, 1.0) if 0.0 < most < np.inf else np.zeros(len(x))
     hulls = [_of_hull(target, *item) for item in zip(x, pose[:, :3], turn, strict=True)]
     enclosed, volume, surface, apart, distance = np.array(hulls).reshape(-1, 5).T
-    offset = np.linalg.norm(centre - pose[:, :3] - turn @ target.centre, axis=1)
+    offset = np.linalg.norm(centre - pose[:, :3], axis=1)
     terms = [abs(volume / target.volume - 1.0), abs(surface / target.surface - 1.0), offset / length]
     modified = [1.0 - enclosed, apart / length, opened]
     return Measures(
@@ -231,11 +228,10 @@ def capture(
     )
 
 
-def nodes_of_net(net: Net) -> tuple[Ints, Floats]:
-    """Return the nodes of the net without tethers, and their masses; of a net without elements all."""
+def nodes_of_net(net: Net) -> Ints:
+    """Return the nodes of the net without tethers; of a net without elements all."""
     nodes = np.unique(net.element_nodes[: net.n_net_elements])
-    nodes = nodes if len(nodes) else np.arange(net.n_nodes)
-    return nodes, net.mass[nodes]
+    return nodes if len(nodes) else np.arange(net.n_nodes)
 
 
 def _spin(mass: Floats, x: Floats, v: Floats) -> Floats:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -52,11 +51,11 @@ class BodyDifferences:
 
     position: Floats
     velocity: Floats
-    attitude: Floats | None = None
-    angular_velocity: Floats | None = None
-    allowed_position: float = math.inf
-    allowed_attitude: float = math.inf
-    agrees_until: float | None = None
+    attitude: Floats | None
+    angular_velocity: Floats | None
+    allowed_position: float
+    allowed_attitude: float
+    agrees_until: float | None
 
 
 @dataclass(frozen=True)
@@ -130,31 +129,29 @@ def compare_bodies(
 
     allowed : differences of position [m] and attitude [rad] up to which they agree
     """
-    found = {name: _of_body(body, b[name], *rows) for name, body in a.items() if name in b}
     return ComparedBodies(
-        {name: _with_tolerance(one, time, *allowed) for name, one in found.items()},
+        {name: _of_body(body, b[name], rows, time, allowed) for name, body in a.items() if name in b},
         tuple(name for name in a if name not in b),
         tuple(name for name in b if name not in a),
     )
 
 
-def _with_tolerance(one: BodyDifferences, time: Floats, position: float, attitude: float) -> BodyDifferences:
-    """The same with what is allowed, and until when it holds."""
-    within = one.position <= position  # as a NaN is not
-    if one.attitude is not None:
-        within &= one.attitude <= attitude
-    until = None if within.all() else float(time[int(np.argmin(within))])
-    return replace(one, allowed_position=position, allowed_attitude=attitude, agrees_until=until)
-
-
-def _of_body(a: BodyStates, b: BodyStates, at_a: Ints, at_b: Ints) -> BodyDifferences:
+def _of_body(
+    a: BodyStates, b: BodyStates, rows: tuple[Ints, Ints], time: Floats, allowed: tuple[float, float]
+) -> BodyDifferences:
+    at_a, at_b = rows
     position = np.linalg.norm(a.position[at_a] - b.position[at_b], axis=-1)
     velocity = np.linalg.norm(a.velocity[at_a] - b.velocity[at_b], axis=-1)
-    if a.attitude is None or b.attitude is None or a.angular_velocity is None or b.angular_velocity is None:
-        return BodyDifferences(position, velocity)
-    turned = _angle(a.attitude[at_a], b.attitude[at_b])
-    spin = np.linalg.norm(a.angular_velocity[at_a] - b.angular_velocity[at_b], axis=-1)
-    return BodyDifferences(position, velocity, turned, spin)
+    turned = spin = None
+    within = position <= allowed[0]  # as a NaN is not
+    if not (
+        a.attitude is None or b.attitude is None or a.angular_velocity is None or b.angular_velocity is None
+    ):
+        turned = _angle(a.attitude[at_a], b.attitude[at_b])
+        spin = np.linalg.norm(a.angular_velocity[at_a] - b.angular_velocity[at_b], axis=-1)
+        within &= turned <= allowed[1]
+    until = None if within.all() else float(time[int(np.argmin(within))])
+    return BodyDifferences(position, velocity, turned, spin, *allowed, until)
 
 
 def _angle(a: Floats, b: Floats) -> Floats:

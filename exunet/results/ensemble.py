@@ -27,9 +27,8 @@ from exunet.results.io import (
     put_text,
     refuse_unreadable,
 )
-from exunet.results.measures import KINDS, direction
 from exunet.results.metrics import Metric, metrics_of, printed, without_values
-from exunet.results.observables import Observables, TimeSeries, momentum_name, time_series
+from exunet.results.observables import Observables, TimeSeries, time_series
 from exunet.results.outcome import outcome
 from exunet.results.result import Result, table
 from exunet.results.run_record import Ending, EnsembleRecord, Recorded
@@ -64,7 +63,6 @@ class Member:
     """Data that an ensemble uses of one run.
 
     time    : (t,) [s]
-    momenta : (t, 6) gained by each part, by its name
     stopped : verdict of the script that ended the run at the last of the times; "": it did not
     outcome : of the capture; "": the case has no criterion
     """
@@ -72,7 +70,6 @@ class Member:
     time: Floats
     metrics: Mapping[str, Metric]
     series: Mapping[str, TimeSeries]
-    momenta: Mapping[str, Floats]
     stopped: str = ""
     outcome: str = ""
 
@@ -90,7 +87,6 @@ def member_of(result: Result) -> Member:
         time=np.asarray(result.time),
         metrics=metrics_of(run),
         series={series.name: series for series in time_series(run)},
-        momenta={name: part.gained[:, :6] for name, part in run.momenta.items()},
         stopped="" if result.run.stop is None else result.run.stop.verdict or "",
         outcome="" if found is None else found.outcome.value,
     )
@@ -120,12 +116,6 @@ class Range(NamedTuple):
         words = f"{median} {self.metric.unit}".rstrip()
         words += "" if self.known else f" ({low} to {high})"
         return words + (f", in {self.runs} of {self.of_runs} runs" if self.runs < self.of_runs else "")
-
-    def relative_to(self, scale: float) -> Range:
-        """Return the same as a part of a scale [unit]."""
-        metric = replace(self.metric, unit="", resolution=self.metric.resolution / scale, size=0.0)
-        ends = (value / scale for value in (self.median, self.low, self.high))
-        return Range(metric, self.runs, self.of_runs, *ends)
 
 
 def sensitivity(runs: int, move: float) -> str:
@@ -215,18 +205,8 @@ class Ensemble(ShortRepr, Recorded):
         return Dataset(found, {"run": np.arange(self.runs), "level": self.levels, "time": self.time})
 
 
-def ensemble_of(
-    members: Sequence[Member],
-    *,
-    run: EnsembleRecord | None = None,
-    along: Mapping[str, Floats] | None = None,
-) -> Ensemble:
-    """Make the ensemble of at least one member.
-
-    along : directions (3,) of the momenta over time, by kind; None: those of the first member
-    """
-    if along is None:
-        along = directions(members[0].momenta)
+def ensemble_of(members: Sequence[Member], *, run: EnsembleRecord | None = None) -> Ensemble:
+    """Make the ensemble of at least one member."""
     about: dict[str, Metric] = {}
     for member in members:
         for key, metric in member.metrics.items():
@@ -239,19 +219,10 @@ def ensemble_of(
     for name, one in members[0].series.items():
         series[name] = one._replace(values=np.zeros(0))
         quantiles[name] = _quantiles([member.series[name].values for member in members], lengths)
-    for kind, columns in KINDS.items() if along else ():
-        for part in members[0].momenta:
-            name = momentum_name(kind, part)
-            what, unit = ("momentum", "kg m/s") if kind == "linear" else ("angular momentum", "kg m2/s")
-            words = f"change of the {what} of {part} along a direction"
-            series[name] = TimeSeries(name, words, unit, np.zeros(0))
-            changes = [member.momenta[part][:, columns] @ along[kind] for member in members]
-            quantiles[name] = _quantiles(changes, lengths)
     record = replace(
         run or EnsembleRecord(),
         outcomes=dict(Counter(member.outcome for member in members if member.outcome).most_common()),
         endings=endings(members),
-        momenta_along={kind: vector.tolist() for kind, vector in along.items()},
     )
     return Ensemble(
         metrics=values,
@@ -276,16 +247,6 @@ def _quantiles(values: Sequence[Floats], lengths: Sequence[int]) -> Floats:
         found.append(np.quantile(lasting, LEVELS, axis=0))
         begin = end
     return np.concatenate(found, axis=1)
-
-
-def directions(momenta: Mapping[str, Floats]) -> dict[str, Floats]:
-    """(3,) along which the largest change of momentum is, by kind; empty without parts."""
-    if not momenta:
-        return {}
-    return {
-        kind: direction({name: gained[:, columns] for name, gained in momenta.items()})
-        for kind, columns in KINDS.items()
-    }
 
 
 def endings(members: Sequence[Member]) -> tuple[Ending, ...]:

@@ -1,4 +1,4 @@
-"""Export of a result: to VTKHDF, which ParaView and VTK read, and of its time series to CSV.
+"""Export of a result: to VTKHDF, which ParaView and VTK read, and of its time series to CSV or pandas.
 
 A VTKHDF file has net, tethers, closing line and bodies over the stored times. It is a collection of PolyData
 with steps, format 2.3 (VTK file formats, docs.vtk.org). What does not change, such as the elements, is in it
@@ -24,10 +24,11 @@ from exunet.bodies.touched import surface_shown
 from exunet.results.clearance import rounded_shapes
 from exunet.results.loads import broken_at
 from exunet.results.observables import LINE, Observables, further_series, time_series
-from exunet.results.result import Result, row_ranges
+from exunet.results.result import Result, row_ranges, table
 
 if TYPE_CHECKING:
     import h5py
+    from pandas import DataFrame
 
 Rows = Callable[[int, int], NDArray[Any]]  # first and last stored time: values (times, n, ...)
 
@@ -55,20 +56,42 @@ def export(result: Result, path: str | Path) -> None:
     """
     path = path_of(path, "export")
     if path.suffix == ".csv":
-        _write_csv(Observables(result), path)
+        _write_csv(result, path)
     elif path.suffix == ".vtkhdf":
         _write_vtkhdf(result, path)
     else:
         raise InputError(f"{path}: the name must end in .vtkhdf or .csv")
 
 
-def _write_csv(run: Observables, path: Path) -> None:
-    found = [*time_series(run), *further_series(run)]
-    columns = [run.time, *(np.asarray(series.values) for series in found)]
+@takes(result=Result)
+def to_frame(result: Result) -> DataFrame:
+    """Return the time series of a result as a pandas table: a row for each stored time, units in brackets.
+
+    The index is "time [s]". The columns are the quantities of an ensemble over time, potential energy,
+    distances, and position [m] and velocity [m/s] of each body. Raises MissingExtra without pandas
+    (pip install 'exunet[pandas]').
+    """
+    return table("time [s]", result.time, _columns(result))
+
+
+def _columns(result: Result) -> dict[str, Floats]:
+    """Return the time series (t,) by name with unit."""
+    run = Observables(result)
+    series = (*time_series(run), *further_series(run))
+    found = {f"{item.name} [{item.unit or '1'}]": np.asarray(item.values) for item in series}
+    for name, body in result.bodies.items():
+        for quantity, unit, values in (("position", "m", body.position), ("velocity", "m/s", body.velocity)):
+            columns = zip("xyz", np.asarray(values[:]).T, strict=True)
+            found |= {f"body_{name}/{quantity}_{axis} [{unit}]": column for axis, column in columns}
+    return found
+
+
+def _write_csv(result: Result, path: Path) -> None:
+    columns = {"time [s]": result.time, **_columns(result)}
     with replacing(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time [s]", *(f"{item.name} [{item.unit or '1'}]" for item in found)])
-        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+        writer.writerow(columns)
+        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
 
 
 def _write_vtkhdf(result: Result, path: Path) -> None:

@@ -164,11 +164,6 @@ class Loads(ShortRepr):
         """(n_times, m) magnitude of each force [N]."""
         return np.asarray(np.linalg.norm(self.force, axis=-1))
 
-    @property
-    def total(self) -> tuple[Floats, Floats]:
-        """Force [N] and torque about the centre of mass [N m] at all nodes, (n_times, 3): not `carried`."""
-        return self.force.sum(axis=1), self.torque.sum(axis=1)
-
 
 @takes(result=Result, body=str)
 def loads(result: Result, body: str) -> Loads:

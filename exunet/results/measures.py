@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -100,14 +100,8 @@ def deployment(result: Result) -> Deployment | None:
 
     None for a net without a mouth, or with a mouth that cannot have an area.
     """
-    return deployment_of(result.net, result.time, result.position)
-
-
-def deployment_of(net: Net, time: Floats, position: Floats) -> Deployment | None:
-    """`deployment` of a trajectory of either code; time (t,) [s], position (t, n_nodes, 3) [m]."""
-    area = over_blocks(partial(mouth_area, net), position)
-    centre = over_blocks(partial(net_centre, net), position)
-    return deployment_from_area(time, area, centre, achievable_area(net))
+    area, centre = mouth_areas(result), centre_of_mass(result)
+    return deployment_from_area(result.time, area, centre, achievable_area(result.net))
 
 
 def deployment_from_area(time: Floats, area: Floats, centre: Floats, achievable: float) -> Deployment | None:
@@ -355,25 +349,19 @@ def energy_scale(result: Result) -> float:
 
 NET = "net"  # name of the net among the parts: all mass that is not a body's
 IMPULSE_OF = "impulse of "  # before the name of what has given it
-KINDS = {"linear": slice(0, 3), "angular": slice(3, 6)}  # columns of `Part`
 
 
 class Totals(NamedTuple):
     """Momentum [kg m/s], angular momentum about the scene's origin [kg m2/s] and energy [J] of a part.
 
-    values : (t, 7) of a free body or of the net, with its kinetic energy; of a prescribed body the impulse,
-             angular impulse and work that it has given to all else; of an effect the same, the
-             work of thrust on a body only
-    start  : (7,) at the start, before an ejection at time 0
+    start : (7,) at the start, before an ejection at time 0, which is part of the run
+    end   : (7,) of a free body or of the net, with its kinetic energy; of a prescribed body the impulse,
+            angular impulse and work that it has given to all else; of an effect the same, the
+            work of thrust on a body only
     """
 
-    values: Floats
     start: Floats
-
-    @property
-    def gained(self) -> Floats:
-        """(t, 7) change since the start: an ejection at time 0 is part of the run."""
-        return self.values - self.start
+    end: Floats
 
 
 def prescribed(result: Result) -> tuple[str, ...]:
@@ -389,30 +377,25 @@ def momenta(result: Result) -> dict[str, Totals]:
     """
     if not result.bodies:
         return {}
-    fixed, mass = prescribed(result), result.net.mass.copy()
+    fixed, mass, rows = prescribed(result), result.net.mass.copy(), [0, len(result.time) - 1]
     values = {}
     for name, body in result.bodies.items():
         if body.nodes is not None:
             mass[body.nodes] = 0.0  # which the body has
         if name not in fixed:
-            values[name] = _of_body(body)
-    values[NET] = np.concatenate(
-        [
-            _of_points(mass, position, velocity)
-            for position, velocity in zip(blocks(result.position), blocks(result.velocity), strict=True)
-        ]
-    )
+            values[name] = _of_body(body, rows)
+    values[NET] = _of_points(mass, result.position[rows], result.velocity[rows])
     given = {name: name for name in fixed} | {name: OUTSIDE + name for name in effects_of(result.states)}
     for name, term in given.items():
         states = (result.states.get(f"{term}/{quantity}") for quantity, *_ in GIVEN)
-        parts = [np.asarray(state.values[:]) for state in states if state is not None]
-        work = [] if f"{term}/work" in result.states else [np.zeros((len(result.time), 1))]
+        parts = [state[rows] for state in states if state is not None]
+        work = [] if f"{term}/work" in result.states else [np.zeros((2, 1))]
         values[IMPULSE_OF + name] = np.concatenate([*parts, *work], axis=1)
-    starts = {name: part[0].copy() for name, part in values.items()}
+    starts = {name: part[0] for name, part in values.items()}
     for event in result.run.ejections:
         if event.time_s == 0.0:
             _before_ejection(starts, event)
-    return {name: Totals(part, starts[name]) for name, part in values.items()}
+    return {name: Totals(starts[name], part[1]) for name, part in values.items()}
 
 
 def _before_ejection(starts: dict[str, Floats], event: NetEjected) -> None:
@@ -435,25 +418,15 @@ def _of_points(mass: Floats, position: Floats, velocity: Floats) -> Floats:
     return np.concatenate([linear, angular, energy[:, None]], axis=1)
 
 
-def _of_body(body: BodyStates) -> Floats:
-    """(t, 7) of a body."""
-    position, velocity = np.asarray(body.position[:]), np.asarray(body.velocity[:])
+def _of_body(body: BodyStates, rows: list[int]) -> Floats:
+    """(t, 7) of a body, at some stored times."""
+    position, velocity = body.position[rows], body.velocity[rows]
     linear = body.mass * velocity
     angular = np.cross(position, linear)
     energy = 0.5 * body.mass * np.einsum("ta,ta->t", velocity, velocity)
     if body.angular_velocity is not None and body.attitude is not None and body.inertia is not None:
-        spin = np.asarray(body.angular_velocity[:])
+        spin = body.angular_velocity[rows]
         turns = spin @ body.inertia
-        angular = angular + np.einsum("tab,tb->ta", rotation_matrix(np.asarray(body.attitude[:])), turns)
+        angular = angular + np.einsum("tab,tb->ta", rotation_matrix(body.attitude[rows]), turns)
         energy = energy + 0.5 * np.einsum("ta,ta->t", spin, turns)
     return np.concatenate([linear, angular, energy[:, None]], axis=1)
-
-
-def direction(changes: Mapping[str, Floats]) -> Floats:
-    """(3,) unit vector of the largest of some changes (t, 3), its largest part positive; x without any."""
-    largest = max(changes.values(), key=lambda change: float(np.linalg.norm(change, axis=1).max()))
-    row = largest[int(np.linalg.norm(largest, axis=1).argmax())]
-    size = float(np.linalg.norm(row))
-    if size == 0.0:
-        return np.array([1.0, 0.0, 0.0])
-    return np.asarray(row / size * np.sign(row[int(np.abs(row).argmax())])) + 0.0

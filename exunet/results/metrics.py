@@ -44,11 +44,6 @@ STORED, STEP = "stored times", "steps"  # what limits the resolution of an insta
 DIGITS = 4  # significant digits that are printed
 
 
-def unit_of_last_digit(value: float, digits: int = DIGITS) -> float:
-    """Return what the last of so many significant digits of a value counts; 0 for 0."""
-    return 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1) if value else 0.0
-
-
 def printed(value: float, last: float) -> str:
     """Format a value down to a digit: 1234.6 with 0.1, 1200 with 100; without rounding where that is 0."""
     if last <= 0.0 or not math.isfinite(last):
@@ -102,7 +97,9 @@ class Metric:
 
     def last_digit(self, value: float) -> float:
         """Return what the last printed digit of a value counts."""
-        return max(unit_of_last_digit(max(abs(value), self.size)), self.resolution)
+        size = max(abs(value), self.size)
+        digit = 10.0 ** (math.floor(math.log10(size)) - DIGITS + 1) if size else 0.0
+        return max(digit, self.resolution)
 
     def __str__(self) -> str:
         return f"{printed(self.value, self.last_digit(self.value))} {self.unit}".rstrip()
@@ -517,11 +514,14 @@ def balances(run: Observables) -> Iterator[Metric]:
         return
     for name in run.result.bodies:
         if name in run.prescribed:
-            yield from _given(run, f"body_{name}", name)
+            yield from _given(run, f"body_{name}", name, f"given by {name}", "to all else")
+            yield _work(run, f"body_{name}", name, "on all else")
         else:
             yield from _gained(run, f"body_{name}", name, name)
     for name in run.effects:
-        yield from _given_by_effect(run, name)
+        yield from _given(run, f"effect_{name}", name, f"of {name}", "on all", NET_PART)
+        if f"{OUTSIDE}{name}/work" in run.result.states:
+            yield _work(run, f"effect_{name}", name, "put in")
     yield from _gained(run, "net", NET_PART, "the net")
     elastic, potential, ejection = _energies(run)
     largest = _OF_LARGEST * _largest(run, _ENERGY)
@@ -558,7 +558,7 @@ def _energies(run: Observables) -> tuple[float, float | None, float | None]:
 
 
 def _gained(run: Observables, key: str, part: str, name: str) -> Iterator[Metric]:
-    gained = run.momenta[part].gained[-1]
+    gained = run.momenta[part].end - run.momenta[part].start
     for columns, kind, unit, remark in (
         (_MOMENTUM, "momentum", "kg m/s", "in the scene's axes"),
         (_ANGULAR, "angular momentum", "kg m2/s", "about the scene's origin"),
@@ -573,52 +573,38 @@ def _gained(run: Observables, key: str, part: str, name: str) -> Iterator[Metric
     )  # fmt: skip
 
 
-def _given(run: Observables, key: str, name: str) -> Iterator[Metric]:
-    """Yield the impulses and the work that a prescribed body has given to all else by the end."""
-    values = run.momenta[IMPULSE_OF + name].values[-1]
-    yield from _vector(
-        f"{key}_impulse", f"impulse given by {name}", "N s", values[_MOMENTUM],
-        remark="to all else, in the scene's axes", resolution=SMALL, balance=True,
-    )  # fmt: skip
-    yield from _vector(
-        f"{key}_angular_impulse", f"angular impulse given by {name}", "N m s", values[_ANGULAR],
-        remark="to all else, about the scene's origin", resolution=SMALL, balance=True,
-    )  # fmt: skip
-    yield Metric(
-        f"{key}_work", f"work of {name}", "J", float(values[6]), remark="on all else", resolution=SMALL,
-        balance=True,
-    )  # fmt: skip
-
-
-def _given_by_effect(run: Observables, name: str) -> Iterator[Metric]:
-    values = run.momenta[IMPULSE_OF + name].values[-1]
-    yield from _vector(
-        f"effect_{name}_impulse", f"impulse of {name}", "N s", values[_MOMENTUM],
-        _size(run, NET_PART, _MOMENTUM), remark="on all, in the scene's axes", resolution=SMALL, balance=True,
-    )  # fmt: skip
-    yield from _vector(
-        f"effect_{name}_angular_impulse", f"angular impulse of {name}", "N m s", values[_ANGULAR],
-        _size(run, NET_PART, _ANGULAR), remark="on all, about the scene's origin", resolution=SMALL,
-        balance=True,
-    )  # fmt: skip
-    if f"{OUTSIDE}{name}/work" in run.result.states:
-        yield Metric(
-            f"effect_{name}_work", f"work of {name}", "J", float(values[6]), remark="put in",
+def _given(
+    run: Observables, key: str, name: str, words: str, to: str, small_against: str = ""
+) -> Iterator[Metric]:
+    """Yield the impulses that a prescribed body or an effect has given by the end."""
+    values = run.momenta[IMPULSE_OF + name].end
+    for columns, kind, unit, axes in (
+        (_MOMENTUM, "impulse", "N s", "in the scene's axes"),
+        (_ANGULAR, "angular impulse", "N m s", "about the scene's origin"),
+    ):
+        yield from _vector(
+            f"{key}_{kind.replace(' ', '_')}", f"{kind} {words}", unit, values[columns],
+            _size(run, small_against, columns) if small_against else 0.0, remark=f"{to}, {axes}",
             resolution=SMALL, balance=True,
         )  # fmt: skip
+
+
+def _work(run: Observables, key: str, name: str, remark: str) -> Metric:
+    work = float(run.momenta[IMPULSE_OF + name].end[6])
+    return Metric(f"{key}_work", f"work of {name}", "J", work, remark=remark, resolution=SMALL, balance=True)
 
 
 def _size(run: Observables, part: str, columns: slice) -> float:
     """Return the size relative to which a change counts as small."""
     entry = run.momenta[part]
-    own = max(float(np.linalg.norm(ends[columns])) for ends in (entry.start, entry.values[-1]))
+    own = max(float(np.linalg.norm(ends[columns])) for ends in entry)
     return max(_OF_OWN * own, _OF_LARGEST * _largest(run, columns))
 
 
 def _largest(run: Observables, columns: slice) -> float:
     """The largest change among free bodies and the net; of energies also those of other kinds."""
     parts = (part for name, part in run.momenta.items() if not name.startswith(IMPULSE_OF))
-    changes = [float(np.linalg.norm(part.gained[-1][columns])) for part in parts]
+    changes = [float(np.linalg.norm((part.end - part.start)[columns])) for part in parts]
     if columns is _ENERGY:
         changes += [abs(energy) for energy in _energies(run) if energy is not None]
     return max(changes, default=0.0)

@@ -278,13 +278,8 @@ def pull_name(place: str, quantity: str) -> str:
     return f"attachment_{place}/{quantity}"
 
 
-def momentum_name(kind: str, part: str) -> str:
-    """Return the name of the change of a part's momentum of a kind ("linear", "angular")."""
-    return f"{'momentum' if kind == 'linear' else 'angular_momentum'}/{part}"
-
-
 def time_series(run: Observables, *, capture: bool = True) -> Iterator[TimeSeries]:
-    """Yield the time series that a run has, but for momenta, whose direction an ensemble chooses.
+    """Yield the time series that a run has.
 
     capture : with those of a capture, which take 20 ms a state
     """

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -18,7 +17,6 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import InputError, MissingExtra
 from exunet.bodies.shapes import WIDTH, unpacked
 from exunet.forces.contact.status import ContactKey
-from exunet.net.areas import mouth_area
 from exunet.net.arrays import Net
 from exunet.results.run_record import Recorded, RunRecord
 
@@ -394,61 +392,3 @@ class Result(ShortRepr, Recorded):
     states: Mapping[str, TermStates] = field(default_factory=dict)
     contacts: Mapping[ContactKey, TermStates] = field(default_factory=dict)
     ensemble_file: Path | None = None
-
-    def to_frame(self) -> DataFrame:
-        """Quantities over time as a pandas table: one row for each stored time, units in brackets.
-
-        The index is "time [s]". Columns: kinetic, elastic, potential and dissipated energy [J]; mouth area
-        [m2], of nets with a mouth; largest tension [N] of all elements; speed [m/s] of each bullet, by node;
-        linear momentum x, y, z [kg m/s]; position x, y, z [m] and velocity x, y, z [m/s] of each body, and
-        angular velocity x, y, z [rad/s], in body axes, of each rigid one. Positions of nodes and tensions of
-        elements are arrays of the result. Raises MissingExtra without pandas (pip install 'exunet[pandas]').
-        """
-        return table("time [s]", self.time, self._series())
-
-    def _series(self) -> dict[str, Floats]:
-        """The columns of `to_frame`, each (n_times,)."""
-        found = {f"{name} energy [J]": getattr(self, name) for name in _ENERGIES}
-        if self.net.mouth:
-            found["mouth area [m2]"] = over_blocks(partial(mouth_area, self.net), self.position)
-        found["largest tension [N]"] = over_blocks(lambda part: part.max(axis=1, initial=0.0), self.tension)
-        for node in self.net.bullet_nodes.tolist():
-            found[f"speed of node {node} [m/s]"] = np.linalg.norm(self.velocity[:, node], axis=-1)
-        found |= _components("momentum", "kg m/s", self.momentum)
-        for name, body in self.bodies.items():
-            found |= _components(f"{name} position", "m", body.position)
-            found |= _components(f"{name} velocity", "m/s", body.velocity)
-            if body.angular_velocity is not None:
-                found |= _components(f"{name} angular velocity", "rad/s", body.angular_velocity)
-        return found
-
-    def parts(self, rows: int) -> Iterator[Result]:
-        """Consecutive parts of at most `rows` stored times, each in memory; the rest as it is here."""
-        for start, stop in row_ranges(len(self.time), rows):
-            chosen = slice(start, stop)
-            bodies = {name: _cut(body, chosen) for name, body in self.bodies.items()}
-            states = {name: _cut(one, chosen) for name, one in self.states.items()}
-            contacts = {key: _cut(one, chosen) for key, one in self.contacts.items()}
-            yield replace(_cut(self, chosen), bodies=bodies, states=states, contacts=contacts)
-
-
-_ENERGIES = ("kinetic", "elastic", "potential", "dissipated")
-
-
-def _components(name: str, unit: str, values: Floats) -> dict[str, Floats]:
-    """Columns x, y, z of a vector (n_times, 3)."""
-    rows = np.asarray(values)
-    return {f"{name} {axis} [{unit}]": rows[:, k] for k, axis in enumerate("xyz")}
-
-
-_Cut = TypeVar("_Cut", Result, BodyStates, TermStates)
-
-
-def _cut(states: _Cut, chosen: slice) -> _Cut:
-    """The chosen times of every array that is over the times."""
-    found: dict[str, Any] = {
-        item.name: getattr(states, item.name)[chosen]
-        for item in fields(states)
-        if item.name not in CONSTANTS and isinstance(getattr(states, item.name), np.ndarray | StoredRows)
-    }
-    return replace(states, **found)

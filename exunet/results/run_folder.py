@@ -24,7 +24,7 @@ from exunet.results.store import STORE_FILE
 SUMMARY = "summary.json"
 FIGURES = (
     *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "tethers"),
-    *("largest_tension", "momentum", "loads", "distances", "rotation", "contacts"),
+    *("largest_tension", "loads", "distances", "rotation", "contacts"),
     *("closing", "capture", "control", "agreement"),
 )
 ANIMATIONS = ("animation.mp4", "animation.gif")

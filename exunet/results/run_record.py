@@ -283,7 +283,6 @@ class EnsembleRecord(RunRecord):
     notes    : what limits the ranges
     outcomes : number of runs by capture outcome
     endings  : how runs ended, if a script ended some
-    momenta_along : directions in the scene's axes of the momenta over time, by kind
     """
 
     seed: int | None = None
@@ -293,7 +292,6 @@ class EnsembleRecord(RunRecord):
     notes: tuple[str, ...] = ()
     outcomes: Mapping[str, int] = field(default_factory=dict)
     endings: tuple[Ending, ...] = ()
-    momenta_along: Mapping[str, list[float]] = field(default_factory=dict)
 
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sqlite3
 import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,6 +19,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from exunet.base.arrays import Floats
+from exunet.base.database import Database
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
 from exunet.base.interrupt import postponed
@@ -97,7 +96,7 @@ class MemoryStore:
         return self._arrays[path][start : min(stop, self._count)].copy()
 
 
-class FileStore:
+class FileStore(Database):
     """Rows in an SQLite file; see `RowStore`. One process writes, others may read.
 
     Parameters
@@ -117,25 +116,18 @@ class FileStore:
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
-        self.path = path
         self._last: dict[str, tuple[int, Floats]] = {}  # the last numbers that were read of each column
         if not path.is_file():
             raise InputError(f"{path}: there are no stored states of an unfinished run")
+
+        def test(db: sqlite3.Connection) -> None:
+            if not read_only:
+                db.execute("PRAGMA journal_mode=wal")
+                db.execute("PRAGMA synchronous=normal")  # safe against the end of the process
+            db.execute("SELECT version FROM run").fetchone()
+
+        super().__init__(path, "the states of a run", 2.0, test, read_only=read_only)
         with self._errors("cannot be read"):
-            uri = f"{path.resolve().as_uri()}?mode={'ro' if read_only else 'rw'}"
-            options: dict[str, Any] = {"uri": True, "isolation_level": None, "check_same_thread": False}
-            db = sqlite3.connect(uri, timeout=2.0, **options)
-            try:
-                if not read_only:
-                    db.execute("PRAGMA journal_mode=wal")
-                    db.execute("PRAGMA synchronous=normal")  # safe against the end of the process
-                db.execute("SELECT version FROM run").fetchone()
-            except sqlite3.OperationalError:
-                db.close()
-                if os.name != "posix":
-                    raise
-                db = sqlite3.connect(f"{uri}&vfs=unix-none", **options)
-            self._db = db
             if read_only:
                 self._db.execute("BEGIN")
             version, columns, request, self.head = self._db.execute("SELECT * FROM run").fetchone()
@@ -241,10 +233,6 @@ class FileStore:
                 found.append(rows[max(start - first, 0) : min(stop, end) - first])
         return np.concatenate(found)
 
-    def close(self) -> None:
-        """Close the file."""
-        self._db.close()
-
     def discard(self) -> None:
         """Close the file and remove it."""
         self.close()
@@ -276,29 +264,6 @@ class FileStore:
         if zlib.crc32(data) != crc:
             raise InputError(f"{self.path}: damaged: a checksum does not match")
         return data
-
-    @contextmanager
-    def _errors(self, failed: str) -> Iterator[None]:
-        """Turn errors of SQLite, and of contents that are not those of a store, into InputError."""
-        try:
-            yield
-        except sqlite3.OperationalError as error:
-            raise InputError(f"{self.path}: {failed}: {error}") from error
-        except (sqlite3.Error, TypeError, ValueError, KeyError) as error:
-            raise InputError(f"{self.path}: not the states of a run, or damaged: {error}") from error
-
-    @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """Commit all or nothing of a block."""
-        with self._errors("cannot be written"):
-            self._db.execute("BEGIN IMMEDIATE")
-            try:
-                yield self._db
-                self._db.execute("COMMIT")
-            except BaseException:
-                with suppress(sqlite3.Error):  # where SQLite has rolled back by itself
-                    self._db.execute("ROLLBACK")
-                raise
 
 
 def count_rows(columns: tuple[Column, ...], rows: Mapping[str, Floats]) -> int:

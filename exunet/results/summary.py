@@ -76,7 +76,7 @@ def summary_of(
         },
         **({"momentum": _momentum(result)} if result.bodies else {}),
         "attachments": _attachments(run),
-        "metrics": _metrics(metrics_of(run), ensemble if isinstance(ensemble, Ensemble) else None),
+        "metrics": summary_of_metrics(metrics_of(run), ensemble if isinstance(ensemble, Ensemble) else None),
         "ensemble": _ensemble(ensemble),
         "achievable_area_m2": run.achievable_area or None,
         **({} if (capture := _capture(run, ensemble)) is None else {"capture": capture}),
@@ -96,7 +96,7 @@ def summary_of(
         "cost": _cost(record),
         "retries": [asdict(retry) for retry in record.retries],
         "notes": [] if record.plan is None else list(record.plan.notes),
-        "check": _agreement(check) if isinstance(check, Agreement) else _refused(check),
+        "check": summary_of_agreement(check) if isinstance(check, Agreement) else _refused(check),
         # What `exunet run` fills in, the latter three with finer runs and --estimate-error.
         "implausible": [],
         "step": None,
@@ -143,8 +143,8 @@ def timeline(run: Observables) -> list[EventSummary]:
     return sorted(events)
 
 
-def _metrics(own: Mapping[str, Metric], ensemble: Ensemble | None) -> dict[str, Any]:
-    """Values of the run, with time and place, and the range of perturbed runs, by key."""
+def summary_of_metrics(own: Mapping[str, Metric], ensemble: Ensemble | None) -> dict[str, Any]:
+    """Return values of a run, with time and place, and the range of perturbed runs, by key."""
     keys = dict.fromkeys([*own, *(ensemble.metrics if ensemble is not None else ())])
     found = {}
     for key in keys:
@@ -244,7 +244,8 @@ def _refused(reason: str | None) -> dict[str, str] | None:
     return None if reason is None else {"refused": reason}
 
 
-def _agreement(agreement: Agreement) -> dict[str, Any]:
+def summary_of_agreement(agreement: Agreement) -> dict[str, Any]:
+    """Return the comparison of two runs, for summary.json."""
     until = agreement.agrees_until
     agreeing = agreement.time < until if until is not None else slice(None)
     return {

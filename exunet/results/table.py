@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
+from exunet.base.times import duration
 from exunet.results.ensemble import sensitivity, words_of_endings
 from exunet.results.measures import NEARLY_OPEN
 from exunet.results.run_record import Ending
@@ -71,7 +72,7 @@ def text(summary: Summary, *, every: bool = False, width: int = 110) -> str:
         Of a line, in characters; longer ones are folded.
     """
     cost = summary["cost"]
-    known = f"{summary['simulated_until_s']:.4g} s in {_seconds(cost['integration_s'])} ({_setting(summary)})"
+    known = f"{summary['simulated_until_s']:.4g} s in {duration(cost['integration_s'])} ({_setting(summary)})"
     title = summary["title"] or summary["case"] or "run"
     gap = width - len(title) - len(known)
     lines = [f"{title}{' ' * gap}{known}"] if gap > 1 else [title, f"  {known}"]
@@ -115,10 +116,6 @@ def _setting(summary: Summary) -> str:
     with_step = f"step {method['step_s']:.3g} s" if method["step_s"] else ""
     setting = f"tolerance {method['tolerance']:.2g}" if method["tolerance"] else with_step
     return _join([method["name"], setting, method["backend"] or ""], ", ")
-
-
-def _seconds(value: float) -> str:
-    return f"{value:.2g} s" if value < 120.0 else f"{value / 60.0:.0f} min"
 
 
 def _answer(summary: Summary) -> Iterator[tuple[str, str]]:
@@ -230,7 +227,7 @@ def _trust(summary: Summary, *, every: bool) -> Iterator[tuple[str, str]]:
         reason = "--check" if check is None else check["refused"]
         open_questions.append(f"reference ({reason})")
     else:
-        yield "Reference", _agreement(check)
+        yield "Reference", agreement_words(check)
     for name, key, finer, words, remedy in (
         ("Step", "step", "half of the step", "step", ""),
         ("Division", "divisions", "twice the elements", "division of threads", " (--divisions)"),
@@ -272,7 +269,8 @@ def _short(value: float) -> str:
     return f"{value:.2g}" if value else "0"
 
 
-def _agreement(check: Summary) -> str:
+def agreement_words(check: Summary) -> str:
+    """Describe until when two runs agree, and within which limits."""
     parts = [("", check["agrees_until_s"])]
     parts += [(f"body {name}: ", body["agrees_until_s"]) for name, body in check["bodies"].items()]
     until = [name + ("to the end" if time is None else f"until {time:.4g} s") for name, time in parts]
@@ -339,18 +337,25 @@ def _details(summary: Summary) -> Iterator[tuple[str, str]]:
         yield "control", f"by {control['kind']}; impulses of the units: {each} N s{propellant}"
     if (check := summary["check"]) is None or "refused" in check:
         return
+    yield from ((f"reference: {name}", words) for name, words in differences_of_states(check))
+
+
+def differences_of_states(check: Summary) -> Iterator[tuple[str, str]]:
+    """Yield the largest differences of the states of two runs, of each body, and of the times of breaks."""
     speed, position = (check[f"{name}_difference"] for name in ("speed", "position"))
+    words = f"speeds {speed['largest_m_s']:.1e} m/s, positions {position['largest_m']:.1e} m at most"
     within = f"{speed['largest_while_agreeing_m_s']:.1e} m/s, {position['largest_while_agreeing_m']:.1e} m"
-    yield "reference", f"differences while it agrees: {within}"
+    yield "differences", f"{words}; while they agree {within}"
     for name, body in check["bodies"].items():
-        attitude = (
-            "" if body["attitude_rad"] is None else f", attitudes within {body['attitude_rad']:.1e} rad"
-        )
-        yield f"reference: {name}", f"over the run positions within {body['position_m']:.1e} m{attitude}"
+        words = f"positions within {body['position_m']:.1e} m, velocities {body['velocity_m_s']:.1e} m/s"
+        if body["attitude_rad"] is not None:
+            words += f", attitudes {body['attitude_rad']:.1e} rad"
+            words += f", angular velocities {body['angular_velocity_rad_s']:.1e} rad/s"
+        yield f"body {name}", words
     if broken := check["broken"]:
         alone = broken["only_here"] + broken["only_in_reference"]
         within = f"times within {broken['time_difference_s']:.1e} s"
-        yield "reference: breaks", f"{broken['in_both']} in both codes, {within}; {alone} in one only"
+        yield "breaks", f"{broken['in_both']} in both, {within}; {alone} in one only"
 
 
 def _all_metrics(summary: Summary) -> Iterator[tuple[str, str]]:

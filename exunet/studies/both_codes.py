@@ -160,8 +160,10 @@ CLOSES = {closing.Line: ("wound_up", "work"), closing.Edge: ("part", "work")}  #
 
 
 @dataclass(frozen=True)
-class Matched:
-    """A case as both codes have it; all states are in exunet's numbering unless a name says otherwise.
+class BothCodes:
+    """A case in both codes, with their forces at a state and the runs of either.
+
+    All states are in exunet's numbering unless a name says otherwise.
 
     name   : for tables
     path   : of the case file
@@ -303,20 +305,6 @@ class Matched:
             attitude[:, k] = Rotation.from_matrix(frame[:, k] @ body.rotation).as_quat(scalar_first=True)
             turning[:, k] = spin[:, k] @ body.rotation
         return RigidStates(place, speed, attitude, turning)
-
-
-def _at_start(net: Any, position: Floats, velocity: Floats) -> ComparedRun:
-    """position, velocity : of the nodes, and of whatever comes after them"""
-    n = len(net.mass)
-    return ComparedRun.of_net(net, np.zeros(1), position[None, :n], velocity[None, :n])
-
-
-CANCELLED = 8.0 * float(np.finfo(float).eps)  # part of the largest of some powers that cancel to round-off
-
-
-@dataclass(frozen=True)
-class BothCodes(Matched):
-    """A case in both codes, with their forces at a state and the runs of either; see `Matched`."""
 
     @property
     def effects(self) -> set[str]:
@@ -484,6 +472,15 @@ class BothCodes(Matched):
         """The reference's trajectory in its own numbering, with its counts."""
         start = self.theirs_at(self.start.state.moving)
         return reference.integrate(self.theirs.system, start.x, start.v, times, **how, bodies=start.bodies)
+
+
+def _at_start(net: Any, position: Floats, velocity: Floats) -> ComparedRun:
+    """position, velocity : of the nodes, and of whatever comes after them"""
+    n = len(net.mass)
+    return ComparedRun.of_net(net, np.zeros(1), position[None, :n], velocity[None, :n])
+
+
+CANCELLED = 8.0 * float(np.finfo(float).eps)  # part of the largest of some powers that cancel to round-off
 
 
 def coordinates(nodes: Ints) -> Ints:

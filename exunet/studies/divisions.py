@@ -207,21 +207,18 @@ def summary_of(found: Mapping[str, Refinement]) -> dict[str, Any]:
     }
 
 
-FAR = 10.0  # times the accuracy, above which the error of a single node is reported
-
-
 @dataclass(frozen=True)
 class ErrorEstimate:
-    """Differences of speeds between runs over the launch speed, of the bullets, or of all nodes.
+    """Differences of speeds between runs over the launch speed; fields are named as in summary.json.
 
     of          : "bullets", or "nodes" without bullets
     accuracy    : requested one
     at_end      : at the last stored time, to the run with the other setting
     largest     : the same, largest over the stored times (instants inside a snap included)
-    time_of_largest : its stored time [s]
+    time_of_largest_s : its stored time
     nodes_at_end, nodes_largest : errors at the end and largest of the node that is off most
-    sensitivity : largest difference to the run whose start is perturbed by up to `move` [m]
-    lost_from   : first stored time [s] at which one of both is above the accuracy; None: nowhere
+    sensitivity : largest difference to the run whose start is perturbed by up to `move_m`
+    lost_from_s : first stored time at which one of both is above the accuracy; None: nowhere
     other       : the other setting, in words
     """
 
@@ -229,29 +226,13 @@ class ErrorEstimate:
     accuracy: float
     at_end: float
     largest: float
-    time_of_largest: float
+    time_of_largest_s: float
     nodes_at_end: float
     nodes_largest: float
+    lost_from_s: float | None
     sensitivity: float
-    lost_from: float | None
-    move: float
+    move_m: float
     other: str
-
-    def numbers(self) -> dict[str, float | str | None]:
-        """For summary.json: names with units."""
-        return {
-            "of": self.of,
-            "accuracy": self.accuracy,
-            "at_end": self.at_end,
-            "largest": self.largest,
-            "time_of_largest_s": self.time_of_largest,
-            "nodes_at_end": self.nodes_at_end,
-            "nodes_largest": self.nodes_largest,
-            "lost_from_s": self.lost_from,
-            "sensitivity": self.sensitivity,
-            "move_m": self.move,
-            "other": self.other,
-        }
 
 
 def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
@@ -275,12 +256,12 @@ def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
         accuracy=accuracy,
         at_end=float(difference[-1]),
         largest=float(difference.max()),
-        time_of_largest=float(result.time[difference.argmax()]),
+        time_of_largest_s=float(result.time[difference.argmax()]),
         nodes_at_end=float(of_nodes[-1]),
         nodes_largest=float(of_nodes.max()),
+        lost_from_s=float(result.time[above[0]]) if len(above) else None,
         sensitivity=float(sensitive.max()),
-        lost_from=float(result.time[above[0]]) if len(above) else None,
-        move=SMALL_MOVE * start.net.size,
+        move_m=SMALL_MOVE * start.net.size,
         other=_words(plan),
     )
 

@@ -322,21 +322,16 @@ def ensemble(
 
 
 def perturbed_runs(
-    start: Start,
-    runs: int = RUNS,
-    *,
-    along: dict[str, Floats] | None = None,
-    progress: Callable[[int], None] | None = None,
+    start: Start, runs: int = RUNS, *, progress: Callable[[int], None] | None = None
 ) -> Ensemble:
     """Repeat a run from perturbed starts on all cores, whatever times the case stores.
 
-    along    : directions of the momenta over time, by kind; None: those of the first run
     progress : called with the number of completed runs
     Raises RunStopped if one of the runs stops also with finer steps, and as `start_of_runs`.
     """
     there, move, seed = start_of_runs(start), MOVE, start.scene.seed
     members = _perturbed(there, runs, move, seed, progress)
-    return ensemble_of(members, run=_record(there, seed, move), along=along)
+    return ensemble_of(members, run=_record(there, seed, move))
 
 
 def _perturbed(

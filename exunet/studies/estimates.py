@@ -17,7 +17,7 @@ from scipy import stats
 
 from exunet.base.arrays import Floats
 
-LEVEL = 0.95
+LEVEL = 0.95  # of confidence
 FEW = 20  # runs, below which only minimum and maximum are stated
 PERMUTATIONS = 999
 RESAMPLES = 999
@@ -98,11 +98,11 @@ class Exceedance:
         return f"above {self.limit:g}: {self.hits} of {self.runs} (below {self.bound * 100.0:.2g} %)"
 
 
-def exceedance(values: Floats, limit: float, level: float = LEVEL) -> Exceedance:
+def exceedance(values: Floats, limit: float) -> Exceedance:
     """Count the runs above a limit, with the one-sided exact bound of their probability."""
     known = values[~np.isnan(values)]
     hits, missing = int(np.sum(known > limit)), len(values) - len(known)
-    exact = stats.binomtest(hits + missing, len(values), alternative="less").proportion_ci(level, "exact")
+    exact = stats.binomtest(hits + missing, len(values), alternative="less").proportion_ci(LEVEL, "exact")
     return Exceedance(limit, hits, len(values), float(exact.high))
 
 
@@ -113,7 +113,7 @@ class Quantiles:
     runs         : with a value
     median       : None below `FEW` runs
     low, high    : 5 % and 95 % quantile; minimum and maximum below `FEW` runs
-    upper, lower : one-sided bounds of the two quantiles at `level` by Wilks; None where the runs are too few
+    upper, lower : one-sided bounds of the two quantiles at `LEVEL` by Wilks; None where the runs are too few
     """
 
     runs: int
@@ -122,10 +122,9 @@ class Quantiles:
     high: float
     lower: float | None
     upper: float | None
-    level: float
 
 
-def wilks(count: int, part: float, level: float = LEVEL) -> int | None:
+def wilks(count: int, part: float) -> int | None:
     """Return the rank (from 0) of the smallest order statistic that bounds a quantile from above.
 
     Parameters
@@ -134,23 +133,22 @@ def wilks(count: int, part: float, level: float = LEVEL) -> int | None:
         Number of independent runs.
     part : float
         Of the quantile, 0 to 1.
-    level : float
-        Probability that the order statistic is at least the quantile.
 
     Returns
     -------
     int or None
-        None if the largest of the runs does not bound it: at 0.95 and 0.95 below 59 runs.
+        None if the largest of the runs does not bound it: that of 0.95 below 59 runs.
 
     Notes
     -----
-    The number of runs below the quantile is binomial (Wilks 1941, doi:10.1214/aoms/1177731788).
+    The number of runs below the quantile is binomial (Wilks 1941, doi:10.1214/aoms/1177731788); the order
+    statistic is at least the quantile with the probability `LEVEL`.
     """
-    rank = int(stats.binom.ppf(level, count, part))
+    rank = int(stats.binom.ppf(LEVEL, count, part))
     return rank if rank < count else None
 
 
-def quantiles(values: Floats, level: float = LEVEL, part: float = 0.95) -> Quantiles | None:
+def quantiles(values: Floats) -> Quantiles | None:
     """Summarise a metric over runs; None without a value.
 
     Runs without a value are left out: state `Quantiles.runs` beside the numbers.
@@ -160,11 +158,11 @@ def quantiles(values: Floats, level: float = LEVEL, part: float = 0.95) -> Quant
     if not count:
         return None
     if count < FEW:
-        return Quantiles(count, None, float(known[0]), float(known[-1]), None, None, level)
-    low, median, high = (float(value) for value in np.quantile(known, [1.0 - part, 0.5, part]))
-    rank = wilks(count, part, level)
+        return Quantiles(count, None, float(known[0]), float(known[-1]), None, None)
+    low, median, high = (float(value) for value in np.quantile(known, [0.05, 0.5, 0.95]))
+    rank = wilks(count, 0.95)
     upper, lower = (None, None) if rank is None else (float(known[rank]), float(known[count - 1 - rank]))
-    return Quantiles(count, median, low, high, lower, upper, level)
+    return Quantiles(count, median, low, high, lower, upper)
 
 
 @dataclass(frozen=True)
@@ -279,7 +277,7 @@ class SobolIndices:
     left_out: float
 
 
-def sobol_indices(names: list[str], response: Floats, seed: int, level: float = LEVEL) -> SobolIndices | None:
+def sobol_indices(names: list[str], response: Floats, seed: int) -> SobolIndices | None:
     """Estimate first-order and total Sobol' indices from a Saltelli design with a dummy input.
 
     Parameters
@@ -290,8 +288,6 @@ def sobol_indices(names: list[str], response: Floats, seed: int, level: float = 
         Of A, B, A with column i of B for each input, and A again from a perturbed start.
     seed : int
         Of the bootstrap.
-    level : float
-        Of the percentile intervals.
 
     Returns
     -------
@@ -318,7 +314,7 @@ def sobol_indices(names: list[str], response: Floats, seed: int, level: float = 
 
     found = both(*values)
     resampled = stats.bootstrap(
-        tuple(values), both, paired=True, n_resamples=RESAMPLES, confidence_level=level, method="percentile",
+        tuple(values), both, paired=True, n_resamples=RESAMPLES, confidence_level=LEVEL, method="percentile",
         vectorized=True, rng=np.random.default_rng(seed),
     ).confidence_interval  # fmt: skip
     d, scatter = len(names), float(found[-1])
@@ -335,7 +331,7 @@ class PairedOutcome:
     """Difference of the probabilities of an outcome between two designs with the same draws.
 
     difference     : of the second from the first
-    low, high      : interval at `level`; undetermined runs counted for the end that they widen
+    low, high      : interval at `LEVEL`; undetermined runs counted for the end that they widen
     gained, lost   : pairs in which only the second, only the first has the outcome
     p              : exact McNemar test
     """
@@ -347,7 +343,6 @@ class PairedOutcome:
     lost: int
     pairs: int
     p: float
-    level: float
 
     def __str__(self) -> str:
         interval = f"({self.low:+.3f} to {self.high:+.3f})"
@@ -357,21 +352,19 @@ class PairedOutcome:
         )
 
 
-def paired_outcomes(first: Floats, second: Floats, level: float = LEVEL) -> PairedOutcome:
+def paired_outcomes(first: Floats, second: Floats) -> PairedOutcome:
     """Compare an outcome between two designs with the same draws.
 
     Parameters
     ----------
     first, second : (pairs,) array
         1 with the outcome, 0 without, NaN undetermined.
-    level : float
-        Of the two-sided interval.
 
     Notes
     -----
     The interval is that of Bonett and Price (2012, doi:10.3102/1076998611411915).
     """
-    pairs, z = len(first), float(stats.norm.ppf(0.5 + 0.5 * level))
+    pairs, z = len(first), float(stats.norm.ppf(0.5 + 0.5 * LEVEL))
 
     def ends(a: Floats, b: Floats) -> tuple[float, float]:
         only_b, only_a = (
@@ -386,7 +379,7 @@ def paired_outcomes(first: Floats, second: Floats, level: float = LEVEL) -> Pair
     _, high = ends(np.nan_to_num(first, nan=0.0), np.nan_to_num(second, nan=1.0))
     gained, lost = int(np.sum((second == 1) & (first == 0))), int(np.sum((first == 1) & (second == 0)))
     p = 1.0 if not gained + lost else float(stats.binomtest(gained, gained + lost).pvalue)
-    return PairedOutcome((gained - lost) / pairs, low, high, gained, lost, pairs, p, level)
+    return PairedOutcome((gained - lost) / pairs, low, high, gained, lost, pairs, p)
 
 
 @dataclass(frozen=True)
@@ -397,14 +390,13 @@ class PairedMetric:
     low: float
     high: float
     pairs: int
-    level: float
 
     def __str__(self) -> str:
         interval = f"({self.low:+.3g} to {self.high:+.3g})"
         return f"median of differences {self.median:+.3g} {interval}, {self.pairs} pairs"
 
 
-def paired_metrics(first: Floats, second: Floats, seed: int, level: float = LEVEL) -> PairedMetric | None:
+def paired_metrics(first: Floats, second: Floats, seed: int) -> PairedMetric | None:
     """Compare a metric between two designs with the same draws; None for fewer than two complete pairs.
 
     Pairs in which a run does not have the metric are left out. The interval is a bootstrap of the median.
@@ -415,9 +407,9 @@ def paired_metrics(first: Floats, second: Floats, seed: int, level: float = LEVE
         return None
     median = float(np.median(difference))
     if not np.ptp(difference):
-        return PairedMetric(median, median, median, len(difference), level)
+        return PairedMetric(median, median, median, len(difference))
     interval = stats.bootstrap(
-        (difference,), np.median, n_resamples=RESAMPLES, confidence_level=level, method="percentile",
+        (difference,), np.median, n_resamples=RESAMPLES, confidence_level=LEVEL, method="percentile",
         rng=np.random.default_rng(seed),
     ).confidence_interval  # fmt: skip
-    return PairedMetric(median, float(interval.low), float(interval.high), len(difference), level)
+    return PairedMetric(median, float(interval.low), float(interval.high), len(difference))

@@ -387,11 +387,6 @@ class StudyConfig(Record):
         """Number of runs of the study."""
         return self.points * self.rows_of_point
 
-    @property
-    def columns(self) -> list[str]:
-        """Names of the columns of all inputs."""
-        return [name for key, item in self.inputs.items() for name in item.columns(key)]
-
 
 @dataclass(frozen=True)
 class Samples:

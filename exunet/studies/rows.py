@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -20,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.database import Database
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
-from exunet.base.interrupt import postponed
 
 ROWS_FILE = "study.sqlite"
 VERSION = 1
@@ -32,6 +31,7 @@ FIXED = {"id": "INTEGER PRIMARY KEY", "run": "INTEGER", "replicate": "INTEGER", 
 FIXED |= {"status": "TEXT", "outcome": "TEXT", "seconds": "REAL", "note": "TEXT"}
 OK, STOPPED, INVALID, FAILED = "ok", "stopped", "invalid", "failed"  # status of a row
 _PATIENCE = 30.0  # [s] for a transaction of another process
+_COLUMNS = "PRAGMA table_info(runs)"
 
 
 def file_of(shard: tuple[int, int] | None) -> str:
@@ -47,27 +47,18 @@ def _stored(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, list | tuple) else value
 
 
-class RowFile:
+class RowFile(Database):
     """The file of a study or a shard; one process writes, others may read.
 
     Raises InputError if there is no such file, or if it is damaged or of another version.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         if not path.is_file():
             raise InputError(f"{path}: there is no study")
+        super().__init__(path, "the rows of a study", _PATIENCE, lambda db: db.execute(_COLUMNS).fetchone())
         with self._errors("cannot be read"):
-            self._db = sqlite3.connect(path, timeout=_PATIENCE, isolation_level=None)
-            try:
-                self._find_columns()
-            except sqlite3.OperationalError:
-                self._db.close()
-                if os.name != "posix":
-                    raise
-                uri = f"{path.resolve().as_uri()}?vfs=unix-none"  # file systems without locks
-                self._db = sqlite3.connect(uri, uri=True, isolation_level=None)
-                self._find_columns()
+            self._find_columns()
             version = self.about("version") if self.columns else None
         if version != VERSION:
             raise InputError(f"{path}: requires version {VERSION}, got {version}")
@@ -86,7 +77,7 @@ class RowFile:
         return cls(path)
 
     def _find_columns(self) -> None:
-        self.columns = [name for _, name, *_ in self._db.execute("PRAGMA table_info(runs)")]
+        self.columns = [name for _, name, *_ in self._db.execute(_COLUMNS)]
 
     def about(self, name: str) -> Any:
         """Return a value of the table `study`; None if it is absent."""
@@ -122,32 +113,6 @@ class RowFile:
         where = "" if number is None else f"WHERE id = {number:d}"
         with self._errors("cannot be read"):
             yield from self._db.execute(f"SELECT {listed} FROM runs {where} ORDER BY id")
-
-    def close(self) -> None:
-        """Close the file."""
-        self._db.close()
-
-    @contextmanager
-    def _errors(self, failed: str) -> Iterator[None]:
-        try:
-            yield
-        except sqlite3.OperationalError as error:
-            raise InputError(f"{self.path}: {failed}: {error}") from error
-        except (sqlite3.Error, ValueError) as error:
-            raise InputError(f"{self.path}: not the rows of a study, or damaged: {error}") from error
-
-    @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """Commit all or nothing of a block; Ctrl-C acts after it."""
-        with postponed(), self._errors("cannot be written"):
-            self._db.execute("BEGIN IMMEDIATE")
-            try:
-                yield self._db
-                self._db.execute("COMMIT")
-            except BaseException:
-                with suppress(sqlite3.Error):  # where SQLite has rolled back by itself
-                    self._db.execute("ROLLBACK")
-                raise
 
 
 def _put(db: sqlite3.Connection, about: Mapping[str, Any]) -> None:

@@ -116,10 +116,10 @@ def test_the_spin_of_a_net_that_flies_fast() -> None:
 
 def test_spin_and_offset_are_relative_to_the_target() -> None:
     """A quarter turn about z takes the target's x to the scene's y, about which the net turns too."""
-    quarter = np.array([[0.0, 0.0, 0.0, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]])
+    quarter = np.array([[0.0, 0.3, 0.0, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]])
     points = np.array(CORNERS)[None], np.cross([0.0, 1.5, 0.0], np.array(CORNERS))[None]
     body = quarter, np.array([[0.0, 0.0, 0.0, 1.5, 0.0, 0.0]])
-    target = target_of(box(1.0, 1.0, 1.0), (0.3, 0.0, 0.0))
+    target = target_of(box(1.0, 1.0, 1.0))
     now = capture(CUBE, rule(cqi_weights=[0.0, 0.0, 1.0], length=2.0), target, points, body)
     assert now.relative_spin[0] == pytest.approx(0.0, abs=1e-12)
     assert now.cqi[0] == pytest.approx(0.15, rel=1e-12)
@@ -132,7 +132,7 @@ def test_measures_do_not_depend_on_the_axes_of_the_scene() -> None:
     x = 0.5 * of.reference_position + rng.normal(size=(9, 3)) * 0.3
     x[:4, 2] -= 2.0
     v = rng.normal(size=(9, 3))
-    target = target_of(box(1.0, 1.5, 0.8, (0.2, 0.0, 0.1)), (0.3, -0.1, 0.2))
+    target = target_of(box(1.0, 1.5, 0.8, (0.2, 0.0, 0.1)))
     turn, own = (Rotation.from_rotvec(rng.normal(size=3)) for _ in range(2))
     place, speed, spin = rng.normal(size=(3, 3))
     shift, flight = rng.normal(size=(2, 3)) * 3.0
@@ -144,7 +144,6 @@ def test_measures_do_not_depend_on_the_axes_of_the_scene() -> None:
     first = capture(
         of, by, target, (x[None], v[None]), (pose(place, own), np.concatenate([speed, spin])[None])
     )
-    # The centre of the target is not that of the frame.
     known = np.linalg.norm(of.mass @ v / of.mass.sum() - speed)
     assert first.relative_speed[0] == pytest.approx(known, rel=1e-12)
     moved = turn.apply(x) + shift, turn.apply(v) + flight
@@ -154,7 +153,7 @@ def test_measures_do_not_depend_on_the_axes_of_the_scene() -> None:
     )
     second = capture(of, by, target, (moved[0][None], moved[1][None]), body)
     np.testing.assert_allclose(np.array(second), np.array(first), rtol=1e-9)
-    offset = of.mass @ x / of.mass.sum() - place - own.apply([0.3, -0.1, 0.2])
+    offset = of.mass @ x / of.mass.sum() - place
     hull = ConvexHull(x)
     volume, surface = abs(hull.volume / 1.2 - 1.0), abs(hull.area / 7.0 - 1.0)
     cqi = 0.3 * volume + 0.5 * surface + 0.7 * np.linalg.norm(offset) / 3.0

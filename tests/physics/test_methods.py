@@ -396,5 +396,5 @@ def test_an_error_that_is_small_at_the_end_has_exceeded_the_accuracy_before():
     off = np.abs(speed - true).max(axis=1) / np.linalg.norm(speeds[0])
     assert off[-1] < found.accuracy == 1e-2 < off.max()
     assert found.largest == pytest.approx(off.max(), rel=0.1)  # the other run has an eighth of the step
-    assert found.time_of_largest == result.time[off.argmax()]
-    assert found.lost_from == result.time[np.flatnonzero(off > found.accuracy)[0]]
+    assert found.time_of_largest_s == result.time[off.argmax()]
+    assert found.lost_from_s == result.time[np.flatnonzero(off > found.accuracy)[0]]

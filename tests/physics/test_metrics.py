@@ -207,7 +207,7 @@ def test_a_tether_pulls_at_its_end_whatever_lies_on_the_drum() -> None:
     both = exunet.loads(towed((2, 3)), "ship")
     third = 20.0 * np.array([0.0, -6.0, -5.0]) / np.sqrt(61.0)
     np.testing.assert_allclose(both.force[:, 0], [first, third], rtol=1e-14)
-    np.testing.assert_allclose(both.total[0], both.force[:, 0], rtol=1e-15)
+    np.testing.assert_allclose(both.force.sum(axis=1), both.force[:, 0], rtol=1e-15)
 
 
 def test_a_drum_at_the_start_of_a_tether() -> None:

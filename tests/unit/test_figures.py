@@ -44,7 +44,7 @@ from exunet.results.metrics import Metric
 from exunet.results.observables import Observables, TimeSeries
 from exunet.results.penetration import contact_places
 from exunet.results.result import BodyStates, Result, TermStates
-from exunet.results.run_record import EnsembleRecord, Peak, RunRecord, UnitSettings
+from exunet.results.run_record import Peak, RunRecord, UnitSettings
 
 CUBE = Shape((Solid("box", (1.0, 1.0, 1.0)),))
 
@@ -124,7 +124,7 @@ FULL = replace(
     least_kinetic=0.5 * THROWN.kinetic,
 )
 OF_FULL = {"reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "largest_tension"}
-OF_FULL |= {"momentum", "rotation"}
+OF_FULL |= {"rotation"}
 THREAD = net([(0, 0, 0), (1, 0, 0)], [(0, 1)])
 HANGING = net([(0, 0, 0), (1, 0, 0.5), (2, 0, 0)], [(0, 1), (1, 2)])
 NET = {"reference_net", "snapshots"}
@@ -356,7 +356,7 @@ def test_views_of_a_large_scene_follow_the_net() -> None:
     scene = scene_3d(far, [0, 6])
     assert scene.camera.follows
     np.testing.assert_allclose(scene.origin(6) - scene.camera.middle, metrics.centre_of_mass(far)[6])
-    drawn(figure(far, "snapshots", grid=True))
+    drawn(figure(far, "snapshots"))
 
 
 def test_long_curves_are_thinned_without_losing_an_extreme() -> None:
@@ -435,9 +435,9 @@ def test_a_figure_that_fails_does_not_prevent_the_others(
 def test_the_command_draws_the_named_figures(tmp_path: Path) -> None:
     exunet.save(FULL, tmp_path / "result.h5")
     options = ["--format", "pdf", "--width", "85", "--out", str(tmp_path / "new")]
-    command = ["plot", str(tmp_path / "result.h5"), *options, "--figure", "area", "--figure", "momentum"]
+    command = ["plot", str(tmp_path / "result.h5"), *options, "--figure", "area", "--figure", "rotation"]
     assert CliRunner().invoke(app, command).exit_code == 0
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["area.pdf", "momentum.pdf"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["area.pdf", "rotation.pdf"]
     (box,) = re.findall(rb"/MediaBox \[ 0 0 (\S+) ", (tmp_path / "new" / "area.pdf").read_bytes())
     assert float(box) * 25.4 / 72 == pytest.approx(85.0, abs=0.1)
 
@@ -524,10 +524,6 @@ DRAWN: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "loads": (("attachment_box_0/force",), ("attachment_box_0/torque",)),
     "rotation": (tuple(f"body_box/angular_velocity_{axis}" for axis in "xyz"),),
     "control": (("control/thrust_0", "control/thrust_1"),),
-    "momentum": (
-        ("momentum/box", "momentum/net"),
-        ("angular_momentum/box", "angular_momentum/net"),
-    ),
 }
 
 
@@ -586,31 +582,6 @@ def test_many_curves_have_one_band() -> None:
     for name, last, ends in (("rotation", 2.0, (2.0, 23.0)), ("control", 1.75, (2.0, 20.0))):
         (band,) = bands_of(figure(of, name, ensemble=runs))[0]
         assert ends_at(band, last) == pytest.approx(ends), name
-
-
-def test_momenta_are_along_the_direction_of_the_ensemble() -> None:
-    runs = replace(perturbed([], 1.0), run=EnsembleRecord(momenta_along={"linear": [0.0, 0.6, 0.8]}))
-    made = figure(shown(), "momentum", ensemble=runs)
-    lines = [line.get_ydata() for line in made.axes[0].get_lines()[:2]]
-    np.testing.assert_allclose(lines[0], 0.0, atol=1e-15)  # the box moves along x
-
-
-@pytest.mark.parametrize("spin", [0.0, 1e-3])
-def test_momentum_that_is_round_off_does_not_fill_a_panel(spin: float) -> None:
-    """A body of 2 kg at 1 m/s, 0.5 m beside the origin, with errors of 1e-15 m/s; perhaps it spins up."""
-    of, time = square_net(), np.linspace(0.0, 1.0, 7)
-    places, speeds = np.tile([1.0, 0.5, 0.0], (7, 1)), np.tile([1.0, 0.0, 0.0], (7, 1))
-    speeds[:, 1] = 1e-15 * np.sin(9.0 * time)
-    still = np.tile([1.0, 0.0, 0.0, 0.0], (7, 1))
-    box = BodyStates(2.0, np.eye(3), places, speeds, still, np.outer(spin * time, [0.0, 0.0, 1.0]))
-    run = replace(result(of, time, [of.reference_position] * 7), bodies={"box": box})
-    if not spin:
-        with pytest.raises(InputError, match="momentum"):
-            figure(run, "momentum")
-        return
-    linear, angular = (axes.get_ylim() for axes in figure(run, "momentum").axes)
-    assert linear == pytest.approx((-2e-9, 2e-9))  # 1e-9 of m v
-    assert angular[1] > 0.9e-3
 
 
 # Animations

@@ -15,7 +15,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from result_samples import net as loop_net
-from result_samples import square_net
+from result_samples import result, square_net
 from scenes import CABLE as PAPER_CABLE
 from scenes import CASES, thrown
 from scipy.sparse import coo_array
@@ -640,7 +640,7 @@ def test_a_border_is_the_shortest_way_along_the_threads():
 def test_a_mouth_that_threads_do_not_hold_has_no_measures():
     of = loop_net([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1), (2, 3)], mouth=(0, 1, 2, 3))
     assert achievable_area(of) == math.inf
-    assert metrics.deployment_of(of, np.zeros(1), of.reference_position[None]) is None
+    assert metrics.deployment(result(of, [0.0], [of.reference_position])) is None
     assert achievable_area(loop_net([(0, 0, 0), (1, 0, 0)], [(0, 1)])) == 0.0
     assert achievable_area(square_net(cells=4, strings=True)) == pytest.approx(1.0, rel=1e-14)
 

@@ -240,7 +240,8 @@ def test_an_unfinished_run_is_an_incomplete_result(tmp_path):
     store.append(cut(0, 14))
     found = load_result(tmp_path)
     store.append(cut(14, 20))
-    assert_equal(found, next(SAMPLE.parts(14)))
+    for path, values in cut(0, 14).items():
+        np.testing.assert_array_equal(np.asarray(rows_of(found)[path]), values, err_msg=path)
     assert not found.complete
     assert found.verdict.startswith("unfinished: 14 states until t = ")
     assert found.run.end == RECORD.end
@@ -269,12 +270,6 @@ def test_large_files_are_read_when_used(monkeypatch, tmp_path):
         assert isinstance(found.time, np.ndarray)
         assert_equal(found, SAMPLE)
         save(found, tmp_path / "again.h5", overwrite=True)
-        parts = list(found.parts(11))
-        assert [len(part.time) for part in parts] == [11, 11, 11, 7]
-        assert all(isinstance(part.bodies["chaser"].position, np.ndarray) for part in parts)
-        for name in ("time", "position", "tension", "least_kinetic"):
-            whole = np.concatenate([getattr(part, name) for part in parts])
-            np.testing.assert_array_equal(whole, getattr(SAMPLE, name), strict=True)
 
 
 VALUES = np.random.default_rng(3).normal(size=(50, 4, 3))

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from exunet.base.files import replacing
+from exunet.base.times import duration
 from exunet.methods.method import Backend
 from exunet.results.metrics import Metric, printed
 from exunet.studies.cost.settings import ACCURATE, INTEGRATION, Setting, Varied, power
@@ -26,11 +27,6 @@ BACKENDS = {Backend.COMPILED: "compiled loop", Backend.EXUDYN: "Exudyn", None: "
 LEGEND = f"a median a third of its range off the finest's ({FEWEST} runs or more); ?: open, needs more runs"
 MANY = 6  # columns of metrics
 _NOISE = 1e3  # times its resolution that a metric must reach to be shown
-
-
-def wall(seconds: float) -> str:
-    """Format a wall time to two digits."""
-    return f"{float(f'{seconds:.2g}'):g} s"
 
 
 def tables(parts: list[CostStudy]) -> list[Table]:
@@ -50,7 +46,8 @@ def _wall_times(study: CostStudy) -> Table:
             loosest = max((row.setting.size for row in left), default=0.0)
             none = "…" if left else "–"
             cells = [
-                none if row is None else "≤ " * (loosest > row.setting.size) + wall(row.wall) for row in best
+                none if row is None else "≤ " * (loosest > row.setting.size) + duration(row.wall)
+                for row in best
             ]
             seconds = [math.inf if row is None else row.wall for row in best]
             lines.append((list(BACKENDS).index(backend), seconds, [BACKENDS[backend], str(method), *cells]))
@@ -61,7 +58,7 @@ def _wall_times(study: CostStudy) -> Table:
     found = [accurate.get(level) for level in levels]
     floor = study.uncertainty
     reached = ["…" if row is None else f"{'≤ ' * (row.error <= floor)}{_error(row.error)}" for row in found]
-    taken = ["…" if row is None else wall(row.wall) for row in found]
+    taken = ["…" if row is None else duration(row.wall) for row in found]
     what = "bullets" if len(study.subject.start.net.bullet_nodes) else "nodes"
     head = [f"error at {study.subject.end:.3g} s", f"of the speed of {what}", *map(power, levels)]
     return head, [*shown, [ACCURATE, "reaches", *reached], ["", "in", *taken]]
@@ -87,7 +84,7 @@ def _metrics(study: CostStudy) -> Table:
             compared = [row.comparisons.get(quantity.key) for quantity in shown]
             counts = [f"{_outcomes(row)}{'!' * (not row.same_outcome)}"] * outcomes
             number = str(len(row.distribution))
-            lines.append([label, number, wall(row.wall), *counts, *map(_cell, shown, compared)])
+            lines.append([label, number, duration(row.wall), *counts, *map(_cell, shown, compared)])
             if row is finest:
                 lines.append(["  its range", "", "", *[""] * outcomes, *map(_range, shown, compared)])
     return head, lines
@@ -181,7 +178,7 @@ def _beyond(study: CostStudy, horizon: float) -> Rows:
         if held:
             row = rows[held - 1]
             size = str(row.setting).removeprefix(f"{row.setting.name}, ")
-            texts[-1] = f"{size if group == ACCURATE else f'{group} {size}'}, {wall(row.wall)} a run"
+            texts[-1] = f"{size if group == ACCURATE else f'{group} {size}'}, {duration(row.wall)} a run"
     runs = " to ".join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
     return [(name, f"metrics (medians of {runs} runs) hold from {'; '.join(texts)}")]
 
@@ -222,7 +219,7 @@ def _recommended(study: CostStudy) -> str:
         return "nothing: too few settings ran; give a larger --budget or an earlier --until"
     *changes, _ = row.setting.overrides()
     options = " ".join(f"--set '{key}'" for key in changes)
-    return f"{options} --backend {row.setting.backend}   {wall(row.wall)} a run: {why}"
+    return f"{options} --backend {row.setting.backend}   {duration(row.wall)} a run: {why}"
 
 
 def in_order(study: CostStudy) -> list[Row]:
