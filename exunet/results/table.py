@@ -344,8 +344,10 @@ def differences_of_states(check: Summary) -> Iterator[tuple[str, str]]:
     """Yield the largest differences of the states of two runs, of each body, and of the times of breaks."""
     speed, position = (check[f"{name}_difference"] for name in ("speed", "position"))
     words = f"speeds {speed['largest_m_s']:.1e} m/s, positions {position['largest_m']:.1e} m at most"
-    within = f"{speed['largest_while_agreeing_m_s']:.1e} m/s, {position['largest_while_agreeing_m']:.1e} m"
-    yield "differences", f"{words}; while they agree {within}"
+    if check["agrees_until_s"]:  # else they are those of the whole, or of no time
+        least = speed["largest_while_agreeing_m_s"], position["largest_while_agreeing_m"]
+        words += "; while they agree {:.1e} m/s, {:.1e} m".format(*least)
+    yield "differences", words
     for name, body in check["bodies"].items():
         words = f"positions within {body['position_m']:.1e} m, velocities {body['velocity_m_s']:.1e} m/s"
         if body["attitude_rad"] is not None:
