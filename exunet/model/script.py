@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -31,11 +31,11 @@ from exunet.forces.reel import command_name
 from exunet.forces.terms import (
     Change,
     Input,
-    KernelCall,
     KernelTerm,
     Memories,
     Memory,
     Seen,
+    Term,
     Watch,
     copied,
 )
@@ -723,7 +723,7 @@ class ScriptEvents(Watch):
 
 
 @dataclass(frozen=True, eq=False)
-class Script:
+class Script(Term):
     """Script of a case as a term without forces; the system of `sources` does not include it.
 
     damping : of each drive [N s/m]
@@ -732,20 +732,6 @@ class Script:
     entries: tuple[ScriptEntry, ...]
     sources: Sources
     damping: dict[str, float | None]
-    acts_on: str = field(default="nothing", init=False)
-    calls: tuple[KernelCall, ...] = field(default=(), init=False)
-    inputs: tuple[Input, ...] = field(default=(), init=False)
-    dissipates: bool = field(default=False, init=False)
-    has_potential: bool = field(default=False, init=False)
-    damping_rate: float = field(default=0.0, init=False)
-
-    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
-        """Return no data: the term does not have calls."""
-        return ()
-
-    def numbers(self) -> Iterator[Any]:
-        """Yield no numbers."""
-        yield from ()
 
     @property
     def memory(self) -> Memory:
