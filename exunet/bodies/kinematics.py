@@ -10,7 +10,7 @@ module of a kind of force (see `exunet.kernels.kernel`), so they use no global n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import islice
@@ -25,7 +25,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.loops import Index, in_body_axes, in_scene_axes
-from exunet.forces.on_bodies import Held, held_by, mass_matrix
+from exunet.forces.on_bodies import Held, entries, held_by, mass_matrix
 from exunet.forces.terms import Constraint, KernelCall, Memories, unchanged
 
 Indexes = NDArray[Index]
@@ -498,7 +498,7 @@ class Kinematics:
 
 def _attached(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> Attached:
     point, body, arm = kinematics.on_bodies(memory)
-    centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in body.tolist()])
+    centre, quaternion, spin = entries(blocks, [blocks.rigid[k] for k in body.tolist()])
     return Attached((3 * point).astype(Index), centre, quaternion, spin, arm)
 
 
@@ -512,7 +512,7 @@ def _held_masses(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> He
         second.append((mass[:, None] * arm).T @ arm)
         own = blocks.inertia.mass[number], blocks.inertia.moments[number]
         inverse.append(np.linalg.inv(mass_matrix(*own, mass, arm)))
-    centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in numbers])
+    centre, quaternion, spin = entries(blocks, [blocks.rigid[k] for k in numbers])
     return HeldMasses(
         centre,
         quaternion,
@@ -544,7 +544,7 @@ def _on_guided(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> OnGu
         masses.append(mass.sum())
         first.append(mass @ arm)
         second.append((mass[:, None] * arm).T @ arm)
-    centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in numbers])
+    centre, quaternion, spin = entries(blocks, [blocks.rigid[k] for k in numbers])
     return OnGuided(
         **_pieces([moving[number] for number in numbers]),
         centre=centre,
@@ -569,7 +569,7 @@ def _pieces(guides: Sequence[Guide]) -> dict[str, Any]:
 
 def _guided(kinematics: Kinematics, blocks: Blocks) -> Guided:
     guides, names = kinematics.guides, blocks.rigid[kinematics.n_free :]
-    centre, quaternion, spin = _entries(blocks, names)
+    centre, quaternion, spin = entries(blocks, names)
     return Guided(
         **_pieces(guides),
         attitude=np.concatenate([guide.attitude for guide in guides]),
@@ -594,9 +594,3 @@ def steer(sites: Iterable[tuple[Any, int]], piece: Piece) -> None:
         part.time[row], part.position[row], part.turning[row] = piece.time, piece.position, piece.turning
         if isinstance(part, Guided):
             part.attitude[row] = piece.attitude
-
-
-def _entries(blocks: Blocks, names: Sequence[str]) -> Iterator[NDArray[Index]]:
-    """Where the centres, attitudes and angular velocities of bodies begin, (n,) each."""
-    for where in (blocks.centre, blocks.attitude, blocks.spin):
-        yield np.array([where(name) for name in names], dtype=Index)
