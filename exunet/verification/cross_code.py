@@ -612,8 +612,7 @@ def _differences(case: BothCodes, state: State) -> tuple[Floats, Floats]:
 
 def _ours(case: BothCodes, matrix: Floats) -> Floats:
     """Reorder a matrix (3N, 3N) of the reference for exunet's points, with zeros for fixed nodes."""
-    points = case.reference_particles[: case.start.system.blocks.n_points]
-    place, fixed = coordinates(points), coordinates(case.start.net.fixed_nodes)
+    place, fixed = coordinates(case.reference_nodes), coordinates(case.start.net.fixed_nodes)
     result = matrix[np.ix_(place, place)]
     result[fixed], result[:, fixed] = 0.0, 0.0
     return result
