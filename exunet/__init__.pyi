@@ -85,8 +85,8 @@ from exunet.results.comparison import compare as compare
 from exunet.results.ensemble import Ensemble as Ensemble
 from exunet.results.ensemble import load_ensemble as load_ensemble
 from exunet.results.ensemble import save_ensemble as save_ensemble
-from exunet.results.export import to_frame as to_frame
 from exunet.results.export import export as export
+from exunet.results.export import to_frame as to_frame
 from exunet.results.io import load_result as load_result
 from exunet.results.io import save as save
 from exunet.results.loads import CarriedLoads as CarriedLoads

@@ -300,7 +300,7 @@ STRONG: dict[str, dict[str, Any]] = {
     "contact": {"threads": ["ball"], "law": "linear", "stiffness": 1e3, "damping": 0.1,
                 "friction": {"law": "sticking", "coefficient": 0.3}},
     "j2": {"mean_motion": 0.5, "inclination": 1.0, "argument_of_latitude": 0.5, **ORBIT},
-    "launch_force": {"kind": "gas", "force": 30.0, "stroke": 0.1, "spread_angle": 0.8, "chaser_mass": 3.0,
+    "launch_force": {"kind": "gas", "force": 30.0, "stroke": 0.1, "spread_angle": 0.8, "body": "ball",
                      "dead_length": 0.2, "exponent": 1.4},
     "molecular_drag": {"density": 1e-4, "flow": [-300.0, 50.0, 0.0], "drag_coefficient": 2.2,
                        "bullet_area": 0.01},

@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints, field_validator
+from pydantic import AfterValidator, Field, StringConstraints
 
 from exunet.base.errors import Fault
 from exunet.base.record import (
@@ -32,6 +32,18 @@ def _of_some_length(attitude: tuple[float, float, float, float]) -> tuple[float,
     return attitude
 
 
+def _of_some_direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(axis):
+        raise ValueError("must not be zero")
+    return axis
+
+
+def _of_some_distribution(moments: tuple[float, float, float]) -> tuple[float, float, float]:
+    if words := impossible(*moments):
+        raise ValueError(words)
+    return moments
+
+
 def unit_quaternion(attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     """An attitude brought to length 1; raises ValueError if it is zero."""
     largest = max(map(abs, _of_some_length(attitude)))
@@ -41,7 +53,7 @@ def unit_quaternion(attitude: tuple[float, float, float, float]) -> tuple[float,
 
 
 Quaternion = Annotated[tuple[float, float, float, float], FromArray, AfterValidator(_of_some_length)]
-Moments = Annotated[tuple[Positive, Positive, Positive], FromArray]
+Moments = Annotated[tuple[Positive, Positive, Positive], FromArray, AfterValidator(_of_some_distribution)]
 Edges = Annotated[tuple[Positive, Positive, Positive], FromArray]
 Radii = Annotated[tuple[NonNegative, NonNegative], FromArray]
 Times = Annotated[tuple[float, ...], FromArray]
@@ -74,19 +86,12 @@ class Placed(Record):
         (1.0, 0.0, 0.0, 0.0),
         description="quaternion [w, x, y, z] that turns its axes; brought to length 1",
     )
-    axis: Vector | None = Field(
+    axis: Annotated[Vector, AfterValidator(_of_some_direction)] | None = Field(
         None,
         description="instead of attitude, with angle: axis of rotation, not zero",
         examples=[[0.0, 0.0, 1.0]],
     )
     angle: float | None = Field(None, description="rotation about axis [rad]", examples=[0.5])
-
-    @field_validator("axis")
-    @classmethod
-    def _of_some_direction(cls, axis: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
-        if axis is not None and not any(axis):
-            raise ValueError("must not be zero")
-        return axis
 
     def faults(self) -> Iterator[Fault]:
         """Require one way to give the attitude, and all of its keys."""
@@ -326,15 +331,6 @@ class Body(Placed, Dimensions):
         "for each",
         json_schema_extra={"additionalProperties": False},
     )
-
-    @field_validator("inertia")
-    @classmethod
-    def _of_some_mass_distribution(
-        cls, moments: tuple[float, float, float] | None
-    ) -> tuple[float, float, float] | None:
-        if moments is not None and (words := impossible(*moments)):
-            raise ValueError(words)
-        return moments
 
     def faults(self) -> Iterator[Fault]:
         """Require one shape, mass and inertia of it, and one motion."""

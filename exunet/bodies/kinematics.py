@@ -11,7 +11,7 @@ module of a kind of force (see `exunet.kernels.kernel`), so they use no global n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import islice
@@ -26,7 +26,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.loops import Index, in_body_axes, in_scene_axes
-from exunet.forces.on_bodies import Held, held_by, mass_matrix
+from exunet.forces.on_bodies import Held, entries, held_by, mass_matrix
 from exunet.forces.terms import Constraint, DiscreteStates, KernelCall, unchanged
 
 Indexes = NDArray[Index]
@@ -500,7 +500,7 @@ class Kinematics:
 
 def _attached(kinematics: Kinematics, blocks: Blocks, discrete: DiscreteStates) -> Attached:
     point, body, arm = kinematics.on_bodies(discrete)
-    centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in body.tolist()])
+    centre, quaternion, spin = entries(blocks, [blocks.rigid[k] for k in body.tolist()])
     return Attached((3 * point).astype(Index), centre, quaternion, spin, arm)
 
 
@@ -514,7 +514,7 @@ def _held_masses(kinematics: Kinematics, blocks: Blocks, discrete: DiscreteState
         second.append((mass[:, None] * arm).T @ arm)
         own = blocks.inertia.mass[number], blocks.inertia.moments[number]
         inverse.append(np.linalg.inv(mass_matrix(*own, mass, arm)))
-    centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in numbers])
+    centre, quaternion, spin = entries(blocks, [blocks.rigid[k] for k in numbers])
     return HeldMasses(
         centre,
         quaternion,
@@ -546,7 +546,7 @@ def _on_prescribed(kinematics: Kinematics, blocks: Blocks, discrete: DiscreteSta
         masses.append(mass.sum())
         first.append(mass @ arm)
         second.append((mass[:, None] * arm).T @ arm)
-    centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in numbers])
+    centre, quaternion, spin = entries(blocks, [blocks.rigid[k] for k in numbers])
     return OnPrescribed(
         **_pieces([moving[number] for number in numbers]),
         centre=centre,
@@ -571,7 +571,7 @@ def _pieces(motions: Sequence[PrescribedMotion]) -> dict[str, Any]:
 
 def _prescribed(kinematics: Kinematics, blocks: Blocks) -> Prescribed:
     motions, names = kinematics.motions, blocks.rigid[kinematics.n_free :]
-    centre, quaternion, spin = _entries(blocks, names)
+    centre, quaternion, spin = entries(blocks, names)
     return Prescribed(
         **_pieces(motions),
         attitude=np.concatenate([motion.attitude for motion in motions]),
@@ -598,9 +598,3 @@ def steer(sites: Iterable[tuple[Any, int]], piece: Piece) -> None:
         part.time[row], part.position[row], part.turning[row] = piece.time, piece.position, piece.turning
         if isinstance(part, Prescribed):
             part.attitude[row] = piece.attitude
-
-
-def _entries(blocks: Blocks, names: Sequence[str]) -> Iterator[NDArray[Index]]:
-    """Where the centres, attitudes and angular velocities of bodies begin, (n,) each."""
-    for where in (blocks.centre, blocks.attitude, blocks.spin):
-        yield np.array([where(name) for name in names], dtype=Index)

@@ -7,15 +7,13 @@ A solid is one of these, about its own origin, its axis along z:
     sphere   : radius r
     capsule  : radius r, length h between the centres of its half-spheres, whose middle is the origin
     frustum  : of a circular cone: radius r1 at z = -h/2 and r2 at z = h/2
-
-The numbers of all parts of a shape together are arrays (`Shape.table`), as compiled functions take them.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,23 +134,6 @@ class TriangleMesh:
     triangles: Ints
 
 
-class ShapeTable(NamedTuple):
-    """The solids of a shape as arrays.
-
-    kind        : (n,) number of the solid in `SOLIDS`
-    numbers     : (n, 3) as of `Solid` [m]
-    position    : (n, 3) [m]
-    rotation    : (n, 3, 3) from the solid's axes to those of the body's frame
-    edge_radius : [m]
-    """
-
-    kind: Ints
-    numbers: Floats
-    position: Floats
-    rotation: Floats
-    edge_radius: float
-
-
 @dataclass(frozen=True, eq=False)
 class Shape:
     """The shape of a body: solids that together are the body, or a mesh.
@@ -166,18 +147,6 @@ class Shape:
     edge_radius: float = 0.0
     grid_spacing: float | None = None
 
-    @property
-    def table(self) -> ShapeTable:
-        """Its solids as arrays."""
-        n = len(self.solids)
-        return ShapeTable(
-            np.array([SOLIDS.index(solid.kind) for solid in self.solids], dtype=np.int64),
-            np.array([item.numbers for item in self.solids]).reshape(n, 3),
-            np.array([entry.position for entry in self.solids]).reshape(n, 3),
-            np.array([element.rotation for element in self.solids]).reshape(n, 3, 3),
-            self.edge_radius,
-        )
-
 
 def core_of(kind: str, numbers: Vector) -> tuple[float, float]:
     """Return radius and core's reach [m] of a solid that is all points within this radius of its core.
@@ -188,12 +157,8 @@ def core_of(kind: str, numbers: Vector) -> tuple[float, float]:
     if kind in ("sphere", "capsule"):
         return a, 0.5 * b
     if kind == "box":
-        return 0.0, 0.5 * float(np.linalg.norm(numbers))
-    return (
-        (0.0, float(np.hypot(a, 0.5 * b)))
-        if kind == "cylinder"
-        else (0.0, float(np.hypot(max(a, b), 0.5 * c)))
-    )
+        return 0.0, 0.5 * math.hypot(a, b, c)
+    return 0.0, math.hypot(a, 0.5 * b) if kind == "cylinder" else math.hypot(max(a, b), 0.5 * c)
 
 
 def farthest_of_core(kind: str, numbers: Vector, direction: Floats) -> Floats:
@@ -232,14 +197,6 @@ def packed(shape: Shape | None, centre: Floats) -> dict[str, Any]:
         for solid in shape.solids
     ]
     return {"solids": np.array(rows, dtype=float)}
-
-
-def from_centre(shape: Shape, centre: Floats) -> Shape:
-    """A shape from the centre of mass (3,) [m], as results have it."""
-    found = packed(shape, centre)
-    moved = unpacked(found.get("solids"), found.get("vertices"), found.get("triangles"))
-    assert moved is not None
-    return moved
 
 
 def unpacked(solids: Floats | None, vertices: Floats | None, triangles: Ints | None) -> Shape | None:

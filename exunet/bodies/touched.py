@@ -14,7 +14,7 @@ import scipy
 from exunet.base.arrays import Floats, Ints
 from exunet.bodies.distance import distances, polyhedron
 from exunet.bodies.rigid import RigidBody
-from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
+from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh, core_of
 from exunet.forces.cores import (
     BOX,
     CAPSULE,
@@ -59,7 +59,7 @@ def surface_of(
         np.array([_box(body, one) for one in shape.solids]),
         no_samples(),
     )
-    reach = [_reach(item) for item in shape.solids]
+    reach = [sum(core_of(solid.kind, solid.numbers)) for solid in shape.solids]
     middles = np.array([body.in_principal_axes(entry.position) for entry in shape.solids])
     middle = 0.5 * (np.min(middles.T - reach, axis=1) + np.max(middles.T + reach, axis=1))
     radius = float(np.max(np.linalg.norm(middles - middle, axis=1) + reach))
@@ -170,18 +170,6 @@ def _box(body: RigidBody, solid: Solid) -> Floats:
     ends = [[axis @ solid.farthest(sign * axis) for axis in axes] for sign in (-1.0, 1.0)]
     middle = axes @ np.array(body.centre)
     return np.concatenate([np.array(ends[0]) - middle, np.array(ends[1]) - middle])
-
-
-def _reach(solid: Solid) -> float:
-    """Radius of a ball about a solid's origin that has all of it [m]."""
-    a, b, c = solid.numbers
-    if solid.kind == "box":
-        return 0.5 * math.hypot(a, b, c)
-    if solid.kind in ("sphere", "capsule"):
-        return a + 0.5 * b
-    if solid.kind == "cylinder":
-        return math.hypot(a, 0.5 * b)
-    return math.hypot(max(a, b), 0.5 * c)
 
 
 def surface_shown(shape: Shape) -> TriangleMesh:

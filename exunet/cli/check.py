@@ -158,7 +158,7 @@ def _time(start: Start) -> str:
 def _mass(start: Start) -> str:
     """Describe the mass of the net and, with bodies, of the scene; nodes fixed to bodies count once."""
     system, net = start.system, float(start.net.mass.sum())
-    if not (system.bodies or system.blocks.body):
+    if not system.bodies:
         return mass_words(net, None, 0.0)
     fixed = float(start.net.mass[system.kinematics.point].sum())
     return mass_words(net, float(system.mass.sum() + system.body_mass.sum()), fixed)
@@ -280,7 +280,7 @@ def _stable_steps(start: Start) -> str:
 
 
 def body_rows(start: Start) -> list[tuple[str, str]]:
-    """Describe rigid bodies by mass, centre, principal axes and initial motion, and point masses."""
+    """Describe rigid bodies by mass, centre, principal axes and initial motion."""
     system, state = start.system, start.state
     rows, states = [], in_frames(system.bodies, state.bodies)
     for k, body in enumerate(system.bodies):
@@ -309,9 +309,6 @@ def body_rows(start: Start) -> list[tuple[str, str]]:
                 f"beside inner edges the distance is sampled each {samples.cell:.3g} m, {size:.3g} MB, up to "
             )
             rows.append((f"{name}: contact", f"{words}{surface.error:.2g} m off"))
-    for name, point in system.blocks.body.items():
-        moving = _motion(state.position[point], state.velocity[point])
-        rows.append((f"point mass {name}", f"{system.blocks.mass[point]:g} kg, {moving}"))
     return rows
 
 

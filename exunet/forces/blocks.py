@@ -6,7 +6,7 @@ Every force, potential and event is a function of three flat arrays, in which th
     v     = 3 n_points speeds | 3 n_bodies velocities | 3 n_bodies angular velocities
     force = 3 n_points forces | 3 n_bodies forces     | 3 n_bodies torques           | n_states rates
 
-Points are the nodes of the net, then point masses. Attitudes are unit quaternions (w, x, y, z) that turn the
+Points are the nodes of the net. Attitudes are unit quaternions (w, x, y, z) that turn the
 body's principal axes into the scene's; angular velocities and torques are in the principal axes. Those of its
 frame, which a case and a result speak of, may be others (`exunet.bodies.rigid`). The power that a force takes
 out is -force . v over the entries of v: what stands at a place in v stands there in force too.
@@ -14,7 +14,7 @@ out is -force . v over the entries of v: what stands at a place in v stands ther
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -26,15 +26,6 @@ from exunet.forces.cores import Surface
 from exunet.net.arrays import Net
 
 ACTIVE = "points/active"  # the discrete state of the system that says which points are active
-
-
-@dataclass(frozen=True)
-class PointMass:
-    """A body without attitude: its name, mass [kg] and place at the start [m]; at rest."""
-
-    name: str
-    mass: float
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -81,11 +72,6 @@ class Poses:
     turn: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
     net: Floats = field(default_factory=lambda: np.eye(3))
 
-    @classmethod
-    def at_origin(cls, number: int) -> Poses:
-        """Build poses at the origin, for bodies whose position does not matter."""
-        return cls(np.zeros((number, 3)), np.tile(np.eye(3), (number, 1, 1)))
-
 
 @dataclass(frozen=True, eq=False)
 class Speeds:
@@ -103,12 +89,10 @@ class Speeds:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """The blocks of a scene; nodes of the net come first, so a node's number is its point's number.
+    """The blocks of a scene.
 
     net      : the net
-    mass     : (n_points,) [kg]
     position : (n_points, 3) at the start [m]
-    body     : name of a point mass -> its point
     rigid    : names of the rigid bodies, in their order
     states   : the first-order states, in their order
     active    : (n_points,) at the start, 1.0 for points that are active and 0.0 for inactive ones: these
@@ -121,9 +105,7 @@ class Blocks:
     """
 
     net: Net
-    mass: Floats
     position: Floats
-    body: Mapping[str, int] = field(default_factory=dict)
     rigid: tuple[str, ...] = ()
     states: tuple[FirstOrder, ...] = ()
     active: Floats | None = None
@@ -136,30 +118,16 @@ class Blocks:
     @classmethod
     def of_net(cls, net: Net, position: Floats | None = None) -> Blocks:
         """The nodes alone; at the reference configuration unless a position is given."""
-        return cls(net, net.mass, net.reference_position if position is None else position)
+        return cls(net, net.reference_position if position is None else position)
 
-    @classmethod
-    def of(
-        cls,
-        net: Net,
-        position: Floats,
-        masses: Sequence[PointMass],
-        rigid: tuple[str, ...] = (),
-        states: tuple[FirstOrder, ...] = (),
-        inertia: Inertia | None = None,
-        poses: Poses | None = None,
-    ) -> Blocks:
-        """The nodes at position (n_nodes, 3) [m], point masses, rigid bodies by name, first-order states."""
-        mass = np.append(net.mass, [body.mass for body in masses])
-        places = np.array([body.position for body in masses], dtype=float).reshape(-1, 3)
-        numbers = {body.name: net.n_nodes + k for k, body in enumerate(masses)}
-        every = np.concatenate([position, places])
-        inertia, poses = inertia or Inertia(), poses or Poses.at_origin(len(rigid))
-        return cls(net, mass, every, numbers, rigid, states, inertia=inertia, poses=poses)
+    @property
+    def mass(self) -> Floats:
+        """(n_points,) [kg]."""
+        return self.net.mass
 
     @property
     def n_points(self) -> int:
-        return len(self.mass)
+        return self.net.n_nodes
 
     @cached_property
     def own_mass(self) -> Floats:
@@ -202,9 +170,7 @@ class Blocks:
         return self.n_v + self.n_states
 
     def centre(self, name: str) -> int:
-        """Where in x, v and force the entries of the centre of a rigid body or a point mass begin."""
-        if name in self.body:
-            return 3 * self.body[name]
+        """Where in x, v and force the entries of the centre of a rigid body begin."""
         return 3 * (self.n_points + self.rigid.index(name))
 
     def attitude(self, name: str) -> int:

@@ -212,7 +212,7 @@ def reference_spans(net: Net, position: Floats, axes: Floats) -> Floats:
 
     A tether has none of its own: its elements lie along the straight way between its ends at the start.
     Where that is no longer than `NO_WAY` of the tether, they have no direction: zeros.
-    position : (at least n_nodes, 3) at the start [m]
+    position : (n_nodes, 3) at the start [m]
     axes : (3, 3) from the axes in which the net starts to the scene's
     """
     i, j = net.element_nodes.T
@@ -232,18 +232,16 @@ def reference_blocks(net: Net, span: Floats) -> Floats:
     return np.asarray(np.einsum("e,ea,eb->eab", net.axial_stiffness / net.reference_length**3, span, span))
 
 
-def reference_tangent_stiffness(
-    net: Net, position: Floats, axes: Floats, n_points: int | None = None
-) -> scipy.sparse.csr_array:
-    """T of eqs. (5) and (14) in the reference configuration, (3n, 3n) [N/m]; n_points: n, if not the nodes.
+def reference_tangent_stiffness(net: Net, position: Floats, axes: Floats) -> scipy.sparse.csr_array:
+    """T of eqs. (5) and (14) in the reference configuration, (3n, 3n) [N/m].
 
-    position : (at least n_nodes, 3) at the start [m], from which tethers have their directions
+    position : (n_nodes, 3) at the start [m], from which tethers have their directions
     axes : (3, 3) from the axes in which the net starts to the scene's
     """
-    return assemble_pairs(net, reference_blocks(net, reference_spans(net, position, axes)), n_points)
+    return assemble_pairs(net, reference_blocks(net, reference_spans(net, position, axes)))
 
 
-def assemble_pairs(net: Net, blocks: Floats, n_points: int | None = None) -> scipy.sparse.csr_array:
+def assemble_pairs(net: Net, blocks: Floats) -> scipy.sparse.csr_array:
     """Sum of A_e^T [[B, -B], [-B, B]] A_e over the elements; blocks B (n_elements, 3, 3) -> (3n, 3n)."""
     i, j = net.element_nodes.T
     axis = np.arange(3)
@@ -252,7 +250,7 @@ def assemble_pairs(net: Net, blocks: Floats, n_points: int | None = None) -> sci
         rows.append(np.broadcast_to(3 * a[:, None, None] + axis[:, None], blocks.shape).ravel())
         cols.append(np.broadcast_to(3 * b[:, None, None] + axis, blocks.shape).ravel())
         values.append(sign * blocks.ravel())
-    size = 3 * (net.n_nodes if n_points is None else n_points)
+    size = 3 * net.n_nodes
     matrix = scipy.sparse.coo_array(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(size, size)
     ).tocsr()

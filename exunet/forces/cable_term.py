@@ -25,7 +25,7 @@ from exunet.forces.law import energy, factor_of, green_lagrange_strain, pull_of,
 from exunet.forces.loops import Index
 from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import Winding
-from exunet.forces.terms import Change, DiscreteState, DiscreteStates, Function, Input, KernelCall, Switch
+from exunet.forces.terms import Change, DiscreteState, DiscreteStates, Function, KernelCall, Switch, Term
 from exunet.net.arrays import Net
 
 OVERSHOOT = 1e-9  # of the strain at the limit, by which a step may go beyond it, unless it is a least step
@@ -67,7 +67,7 @@ class ElementLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class CableTerm:
+class CableTerm(Term):
     """All elements of a net under one law.
 
     But for those on drums and the outlets of reels, and threads of the edge that become shorter.
@@ -81,10 +81,6 @@ class CableTerm:
     shortening: Shortening | None = None
     may_be_cut: bool = False
     broken: tuple[int, ...] = ()
-    acts_on: str = field(default="elements", init=False)
-    damping_rate: float = field(default=0.0, init=False)
-    has_potential: bool = field(default=False, init=False)  # beside the elastic energy of the elements
-    inputs: tuple[Input, ...] = field(default=(), init=False)
 
     @cached_property
     def law(self) -> AxialLaw:
@@ -211,7 +207,7 @@ class CableTerm:
 
 
 @dataclass(frozen=True, eq=False)
-class SomeElements:
+class SomeElements(Term):
     """Some of the elements as a term of their own, for forms that take the others in another way.
 
     chosen : (n_elements,) True for those
@@ -220,13 +216,6 @@ class SomeElements:
 
     cable: CableTerm
     chosen: NDArray[np.bool_]
-    acts_on: str = field(default="elements", init=False)
-    damping_rate: float = field(default=0.0, init=False)
-    has_potential: bool = field(default=False, init=False)
-    dissipates: bool = field(default=False, init=False)
-    inputs: tuple[Input, ...] = field(default=(), init=False)
-    discrete: DiscreteState | None = field(default=None, init=False)
-    switch: Switch | None = field(default=None, init=False)
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
@@ -235,9 +224,6 @@ class SomeElements:
     def data_at(self, discrete: DiscreteStates) -> tuple[loops.Elements | loops.ViscousElements, ...]:
         moving = self.cable.moving(discrete)
         return self.cable.elements(discrete, self.chosen if moving is None else self.chosen & moving)
-
-    def numbers(self) -> Iterator[Any]:
-        yield from ()
 
 
 class BreakingEvents(Switch):

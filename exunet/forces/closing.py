@@ -2,10 +2,11 @@
 
 Each piece between two rings has its own length of line l_k, free of stress, and its own tension. The line
 slides through a ring only where the tensions beside it have the ratio e^(mu phi h h'), phi the angle by which
-it turns there and h, h' the slopes of both pieces (`exunet.forces.closing`, where the data are too); it
-moves to where the tension is higher. The l_k are a discrete state: in a step they are those at its start,
-less what must have slid for no ratio to be exceeded. That has one solution: with convex functions whose slope
-is -ln N(l_k), their sum and that of mu phi h h' |slide| is least.
+it turns there and h, h' the slopes of both pieces; it moves to where the tension is higher. The l_k are a
+discrete state: in a step they are those at its start, less what must have slid for no ratio to be exceeded.
+That has
+one solution: with convex functions whose slope is -ln N(l_k), their sum and that of mu phi h h' |slide| is
+least.
 
 Between two neighbours on its path, d apart, the line has the way d to go; within the diameter D of a ring it
 goes round them, D (3/8 + 3/4 u^2 - u^4/8) with u = d / D, so that way, slope and curvature are continuous and
@@ -15,8 +16,6 @@ the pull of two rings that meet falls to zero with their distance. The slope h =
 Without friction the line has one strain: that of its whole way L over its natural length L1 = r (length - s),
 with stretch lambda = L / L1, e = (lambda^2 - 1) / 2, tension N = E1A e lambda, energy U = E1A e^2 L1 / 2. The
 winch feels r (N lambda - E1A e^2 / 2), as of the outlet of a reel (`exunet.forces.reel`).
-
-The line with friction is in `exunet.forces.closing`.
 """
 
 from __future__ import annotations
@@ -716,7 +715,7 @@ class Drawstring:
             stiffness_rate=rates[0],
             damping_rate=rates[1],
             discrete=discrete,
-            switch=WinchCommands(line) if line.times else None,
+            switch=Instants(line.times) if line.times else None,
             inputs=(asked,) if line.is_commanded else (),
             remember=remember_rubbing if self.rubs else remember_line,
             internal=True,
@@ -743,20 +742,25 @@ def too_long(values: Floats) -> str:
     return f"{words}it is outside the cable law's validity: make it stiffer, or its winch weaker"
 
 
-class WinchCommands(Switch):
-    """The instants at which commands of the winch come in force."""
+@dataclass(frozen=True)
+class Instants(Switch):
+    """Known instants of a closing, whose number so far is the first value of the discrete state.
 
-    def __init__(self, line: LineThroughRings) -> None:
-        self.times = line.times
+    words : of the event at each; None: "command" and its number
+    """
+
+    times: tuple[float, ...]
+    words: tuple[str, ...] | None = None
 
     def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
-        """The only item, if a command has come since the discrete state was set."""
+        """The only item, if an instant has passed since the discrete state was set."""
         return np.flatnonzero([np.searchsorted(self.times, time, side="right") > discrete[0]])
 
     def change(
         self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
     ) -> Change:
-        """Count the commands; nothing else changes."""
-        after = discrete.copy()
-        after[0] = np.searchsorted(self.times, time, side="right")
-        return Change(after, events=(ClosingEvent(time_s=time, event=f"command {int(after[0])}"),))
+        """Count the instants; nothing else changes."""
+        after, number = discrete.copy(), int(np.searchsorted(self.times, time, side="right"))
+        after[0] = number
+        words = f"command {number}" if self.words is None else self.words[number - 1]
+        return Change(after, events=(ClosingEvent(time_s=time, event=words),))

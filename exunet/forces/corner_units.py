@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -255,34 +255,16 @@ def with_noise(
     """
     if noise is None:
         return position, velocity
-    group, place = divmod(sample, _AT_ONCE)
-    of_position, of_velocity = _errors(noise.seed, bullets, group)[place]
-    return _wrong_by(position, noise.position, of_position), _wrong_by(velocity, noise.velocity, of_velocity)
+    generator = np.random.Generator(np.random.Philox(key=noise.seed, counter=(0, 0, 0, sample)))
+    errors = generator.standard_normal((max(bullets) + 1, 6))[list(bullets)]
+    return (
+        _wrong_by(position, noise.position, errors[:, :3].ravel().tolist()),
+        _wrong_by(velocity, noise.velocity, errors[:, 3:].ravel().tolist()),
+    )
 
 
 def _wrong_by(values: Numbers, deviation: float, errors: Numbers) -> Numbers:
     return [value + deviation * error for value, error in zip(values, errors, strict=True)]
-
-
-_AT_ONCE = 64  # samples of which errors are drawn one after the other: far faster than each between steps
-
-
-@lru_cache(maxsize=64)
-def _errors(seed: int, bullets: tuple[int, ...], group: int) -> list[tuple[Numbers, Numbers]]:
-    """Draw (3 n) normal errors of places and velocities, in standard deviations, of `_AT_ONCE` samples.
-
-    Those of a new generator `Philox(key=seed, counter=(0, 0, 0, sample))` for each sample. To make one takes
-    ten times as long as to set it: NumPy asks the operating system for entropy, too.
-    """
-    bits = np.random.Philox(key=seed)
-    generator, begin = np.random.Generator(bits), bits.state
-    found = []
-    for sample in range(group * _AT_ONCE, (group + 1) * _AT_ONCE):
-        begin["state"]["counter"][3] = sample
-        bits.state = begin
-        drawn = generator.standard_normal((max(bullets) + 1, 6))[list(bullets)]
-        found.append((drawn[:, :3].ravel().tolist(), drawn[:, 3:].ravel().tolist()))
-    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from exunet.base.errors import Fault
 from exunet.base.record import Record
-from exunet.forces.blocks import Blocks, FirstOrder, PointMass
+from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.total import Contribution
 from exunet.methods.method import METHODS, Method
@@ -27,7 +27,6 @@ class Effect(Record):
     EXCLUDES: ClassVar[Mapping[str, str]] = {}  # other effects that it contradicts, with the reasons
     REQUIRES: ClassVar[Mapping[str, str]] = {}  # other effects that it needs, with the reasons
     NOT_WITH: ClassVar[Mapping[str, str]] = {}  # why it excludes "reels", or a "perimeter" that shortens
-    NOT_CARRIED: ClassVar[Mapping[str, str]] = {}  # keys that exclude a net in a frame, with the reasons
     NEEDS_FRESH_STEPS: ClassVar[bool] = False  # no method that uses the acceleration of the step before
     NEEDS_BULLETS: ClassVar[bool] = False  # it acts on bullets only
     BULLET_KEYS: ClassVar[tuple[str, ...]] = ()  # keys that are given if and only if there are bullets
@@ -57,10 +56,6 @@ class Effect(Record):
         """Yield the contradictions with other tables of a valid scene; keys are relative to this table."""
         yield from ()
 
-    def point_masses(self) -> tuple[PointMass, ...]:
-        """Return the point masses that it brings."""
-        return ()
-
     def first_order_states(self) -> tuple[FirstOrder, ...]:
         """Return its first-order states."""
         return ()
@@ -85,10 +80,6 @@ class Effect(Record):
     def free_strain(self) -> float:
         """Green-Lagrange strain of the free length of all cables."""
         return 0.0
-
-    def is_internal(self) -> bool:
-        """Return True if nothing outside of the scene gets what it gives, with these keys."""
-        return self.INTERNAL
 
     def not_with(self) -> Mapping[str, str]:
         """Return the reasons why it excludes "reels" or a "perimeter", with these keys."""
@@ -116,10 +107,6 @@ class Effect(Record):
                 yield Fault(key, "missing: required, since the net has bullets")
             if not rest.has_bullets and self.is_given(key):
                 yield Fault(key, "there are no bullets: add [net.bullets] or remove this key")
-        for key, reason in self.NOT_CARRIED.items():
-            if self.is_given(key) and bool(rest.scene.initial.is_given("frame")):
-                words = f"excludes [initial.frame], by which a body carries the net, as it is {reason}"
-                yield Fault(key, words)
         excluded, closing = self.not_with(), rest.scene.closing
         for tether, keys in rest.scene.tethers.items():
             if keys.reel is not None and "reels" in excluded:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field
 
 from exunet.base.arrays import Floats
 from exunet.base.errors import Fault
@@ -51,10 +51,13 @@ EARTH_RADIUS = 6378137.0  # [m], equatorial
 NEAR = 1e-9  # how near the directions must be to unit length and a right angle
 
 
-def refuse_other_than_unit(vector: tuple[float, float, float]) -> None:
-    """ValueError unless a direction has length 1."""
+def _of_length_one(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     if not abs(math.hypot(*vector) - 1.0) <= NEAR:
         raise ValueError(f"must have length 1 (within {NEAR:g}), got length {math.hypot(*vector):.12g}")
+    return vector
+
+
+UnitVector = Annotated[Vector, AfterValidator(_of_length_one)]
 
 
 class CircularOrbitConfig(Record):
@@ -68,18 +71,12 @@ class CircularOrbitConfig(Record):
     mean_motion: Positive | None = Field(
         None, description="angular rate n of the orbit [rad/s], instead of altitude", examples=[1.1e-3]
     )
-    radial: Vector = Field(
+    radial: UnitVector = Field(
         description="unit vector away from Earth's centre, in the scene's axes", examples=[[0.0, 0.0, 1.0]]
     )
-    along_track: Vector = Field(
+    along_track: UnitVector = Field(
         description="unit vector along the orbital velocity, in the scene's axes", examples=[[1.0, 0.0, 0.0]]
     )
-
-    @field_validator("radial", "along_track")
-    @classmethod
-    def _of_length_one(cls, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-        refuse_other_than_unit(vector)
-        return vector
 
     def faults(self) -> Iterator[Fault]:
         """Require directions at right angles."""

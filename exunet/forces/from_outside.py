@@ -114,7 +114,7 @@ def with_reactions(constraint: Constraint | None, blocks: Blocks) -> Constraint:
     """Constraints that also keep what holds nodes of `net.fixed`; its states must be among the blocks'."""
     nodes, rate = blocks.net.fixed_nodes, rate_of_impulse(FIXED_NODES, blocks)
     data = Reactions((3 * nodes).astype(Index), rate)
-    before = Constraint((), ()) if constraint is None else constraint
+    before = Constraint() if constraint is None else constraint
     calls = (*before.calls, KernelCall(count_reactions, data, helpers=(count_force,)))
     return replace(before, calls=calls, data=(*before.data, partial(unchanged, data)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.forces import loops
-from exunet.forces.terms import DiscreteState, DiscreteStates, Input, KernelCall, Switch
+from exunet.forces.terms import DiscreteStates, KernelCall, Term
 
 
 @dataclass(frozen=True, eq=False)
-class LinearTerm:
+class LinearTerm(Term):
     """Constant matrices and loads: the force load - (damping + gyroscopic) v - stiffness x.
 
     damping    : (n, n) [N s/m], symmetric positive semi-definite; takes out the power v . damping v
@@ -30,11 +30,6 @@ class LinearTerm:
     gyroscopic: scipy.sparse.csr_array | None = None
     stiffness: scipy.sparse.csr_array | None = None
     load: Floats | None = None
-    acts_on: str = field(default="nodes", init=False)
-    discrete: DiscreteState | None = field(default=None, init=False)
-    switch: Switch | None = field(default=None, init=False)
-    inputs: tuple[Input, ...] = field(default=(), init=False)
-    damping_rate: float = field(default=0.0, init=False)
 
     def __add__(self, other: LinearTerm) -> LinearTerm:
         pairs = zip(self._parts(), other._parts(), strict=True)

@@ -67,8 +67,8 @@ def weight_on_bodies(blocks: Blocks, acceleration: ArrayLike) -> tuple[KernelTer
     """m g at each centre of mass, g (3,) [m/s2]."""
     if not len(blocks.inertia.mass):
         return ()
-    data = WeightOfBodies(_where(blocks)[0], np.outer(blocks.inertia.mass, np.array(acceleration)))
     names = blocks.free_bodies
+    data = WeightOfBodies(entries(blocks, names)[0], np.outer(blocks.inertia.mass, np.array(acceleration)))
     return (KernelTerm("bodies", add_weight, data, weight_potential, bodies=names),)
 
 
@@ -78,10 +78,9 @@ def field_on_bodies(
     """An acceleration G x - w x v of every element of mass; see `BodiesInField`."""
     if not len(blocks.inertia.mass):
         return ()
-    inertia, turns = blocks.inertia, np.array(turning, dtype=float)
-    data = BodiesInField(
-        *_where(blocks), inertia.mass, inertia.moments, gradient, 1.0 if at_centre else 0.0, turns
-    )
+    inertia, where = blocks.inertia, entries(blocks, blocks.free_bodies)
+    turns, share = np.array(turning, dtype=float), 1.0 if at_centre else 0.0
+    data = BodiesInField(*where, inertia.mass, inertia.moments, gradient, share, turns)
     fastest = float(np.linalg.norm(gradient, 2))
     return (
         KernelTerm(
@@ -100,16 +99,15 @@ def braking_on_bodies(blocks: Blocks, alpha: float) -> tuple[KernelTerm, ...]:
     """-alpha v on every element of mass: -alpha m v at the centre, and a torque -alpha I omega."""
     if not len(blocks.inertia.mass) or alpha == 0.0:
         return ()
-    centre, _, spin = _where(blocks)
+    centre, _, spin = entries(blocks, blocks.free_bodies)
     data = BrakedBodies(centre, spin, alpha * blocks.inertia.mass, alpha * blocks.inertia.moments)
     return (KernelTerm("bodies", add_braking, data, bodies=blocks.free_bodies, damping_rate=alpha),)
 
 
-def _where(blocks: Blocks) -> tuple[Indexes, Indexes, Indexes]:
-    """Where the entries of the free bodies begin: centres, attitudes, spins."""
-    names = blocks.free_bodies
-    found = ([of(name) for name in names] for of in (blocks.centre, blocks.attitude, blocks.spin))
-    centre, attitude, spin = (np.array(numbers, dtype=Index) for numbers in found)
+def entries(blocks: Blocks, names: Iterable[str]) -> tuple[Indexes, Indexes, Indexes]:
+    """Where the centres, attitudes and angular velocities of bodies begin, (n,) each."""
+    found = np.array([(blocks.centre(name), blocks.attitude(name), blocks.spin(name)) for name in names])
+    centre, attitude, spin = found.reshape(-1, 3).T.astype(Index, order="C")
     return centre, attitude, spin
 
 

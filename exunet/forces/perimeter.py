@@ -16,16 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats, Ints
-from exunet.base.run_events import ClosingEvent
 from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import AxialLaw
+from exunet.forces.closing import Instants
 from exunet.forces.law import green_lagrange_strain, strain_at
 from exunet.forces.loops import Index
-from exunet.forces.terms import Change, DiscreteState, DiscreteStates, KernelTerm, Switch
+from exunet.forces.terms import DiscreteState, DiscreteStates, KernelTerm
 from exunet.net.closing import NAME, ShortenedEdge
 
 _STATE_NAME = f"{NAME}/perimeter"
+_WORDS = "the edge begins to become shorter", "the edge is as short as it gets"
 
 
 def states_of(perimeter: ShortenedEdge) -> tuple[FirstOrder, FirstOrder]:
@@ -128,28 +129,9 @@ class Shortening:
             stiffness_rate=rate,
             damping_rate=data.time * rate,
             discrete=DiscreteState(_STATE_NAME, start, self.data),
-            switch=_Instants(self.instants),
+            switch=Instants(self.instants, _WORDS),
             internal=True,
         )
-
-
-class _Instants(Switch):
-    """When the threads begin to become shorter, and when that ends."""
-
-    def __init__(self, times: tuple[float, float]) -> None:
-        self.times = times
-
-    def crossed(self, time: float, x: Floats, v: Floats, discrete: Floats) -> Ints:
-        """The only item, if an instant has passed since the discrete state was set."""
-        return np.flatnonzero(np.searchsorted(self.times, time, side="right") > discrete)
-
-    def change(
-        self, time: float, x: Floats, v: Floats, discrete: Floats, items: Ints, every: DiscreteStates
-    ) -> Change:
-        """Count the instants; nothing else changes."""
-        number = int(np.searchsorted(self.times, time, side="right"))
-        words = "the edge begins to become shorter" if number == 1 else "the edge is as short as it gets"
-        return Change(np.array([float(number)]), events=(ClosingEvent(time_s=time, event=words),))
 
 
 # Scalar loops, in the subset of Python that Numba compiles.

@@ -356,42 +356,47 @@ class Change:
 
 
 class Term(Protocol):
-    """Interface of a force to every backend and balance."""
-
-    @property
-    def acts_on(self) -> str:
-        """In words: "elements", "nodes", "bullets" ..."""
+    """Interface of a force to every backend and balance; by default it has nothing and does nothing."""
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """Its calls in a compiled kernel."""
+        return ()
 
     def data_at(self, discrete: DiscreteStates) -> tuple[tuple[Any, ...], ...]:
         """The data of its calls with these discrete states and inputs; absent ones are as at the start."""
+        return ()
 
     @property
-    def discrete(self) -> DiscreteState | None: ...
+    def discrete(self) -> DiscreteState | None:
+        return None
 
     @property
-    def switch(self) -> Switch | None: ...
+    def switch(self) -> Switch | None:
+        return None
 
     @property
-    def inputs(self) -> tuple[Input, ...]: ...
+    def inputs(self) -> tuple[Input, ...]:
+        return ()
 
     @property
     def dissipates(self) -> bool:
         """True if its work must be integrated along the run for the energy balance to close."""
+        return False
 
     @property
     def has_potential(self) -> bool:
         """True if it has potential energy beside the elastic energy of the elements."""
+        return False
 
     @property
     def damping_rate(self) -> float:
         """Bound [1/s] of what it adds to the eigenvalues of M^-1 D beside its matrix, for the stable step."""
+        return 0.0
 
     def numbers(self) -> Iterator[Any]:
         """Its numbers and arrays, none of which may be beyond floating point."""
+        yield from ()
 
 
 class ScriptTerm(Term, Protocol):
@@ -506,7 +511,7 @@ def unchanged(data: tuple[Any, ...], discrete: DiscreteStates) -> tuple[Any, ...
 
 
 @dataclass(frozen=True, eq=False)
-class Constraint:
+class Constraint(Term):
     """Entries of x and v without equations of motion: placed before the forces, relieved of them after all.
 
     calls     : its calls in a kernel
@@ -516,16 +521,11 @@ class Constraint:
     Energy that it gives is kept by first-order states of the system.
     """
 
-    calls: tuple[KernelCall, ...]
-    data: tuple[Callable[[DiscreteStates], tuple[Any, ...]], ...]
+    calls: tuple[KernelCall, ...] = ()
+    data: tuple[Callable[[DiscreteStates], tuple[Any, ...]], ...] = ()
     bodies: tuple[str, ...] = ()
     discrete: DiscreteState | None = None
     switch: Switch | None = None
-    dissipates: bool = field(default=False, init=False)
-    acts_on: str = field(default="bodies", init=False)
-    inputs: tuple[Input, ...] = field(default=(), init=False)
-    has_potential: bool = field(default=False, init=False)
-    damping_rate: float = field(default=0.0, init=False)
 
     def data_at(self, discrete: DiscreteStates) -> tuple[tuple[Any, ...], ...]:
         return tuple(of(discrete) for of in self.data)

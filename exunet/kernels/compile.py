@@ -167,29 +167,15 @@ _INTERPRETED = {
     "HeldTuple": lambda value: SimpleNamespace(value=value),
     "zero_of": lambda array: 0.0,
     "call_work": _work,
-    **dict.fromkeys(
-        (
-            f"call_{name}"
-            for name in (
-                "add",
-                "event",
-                "place",
-                "potential",
-                "power",
-                "remember",
-                "reporting",
-                "shorten",
-                "verlet_work",
-            )
-        ),
-        _called,
-    ),
 }
 
 
 def interpreted_module(source: str) -> ModuleType:
     """The same module as plain Python: correct, but some hundred times slower."""
+    from exunet.forces.terms import ARGUMENTS  # imports NumPy, which commands that compute nothing do not
+
     module = ModuleType("exunet_kernel_interpreted")
+    module.__dict__.update(dict.fromkeys((f"call_{name}" for name in (*ARGUMENTS, "reporting")), _called))
     module.__dict__.update(_INTERPRETED)
     exec(source.replace(f"{CALLED}\n", "").replace(f"{INSIDE}\n", ""), module.__dict__)
     return module

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.terms import (
+    ARGUMENTS,
     Constraint,
     DiscreteStates,
     Function,
@@ -41,20 +42,7 @@ from exunet.kernels.compile import (
 )
 from exunet.kernels.source import DRIVERS, HELPERS, module_source
 
-# Each entry with the arguments of `exunet.kernels.pointers`, and what it passes on; {data} is a tuple, or its
-# place in memory if it is `KernelCall.held`.
-_ENTRIES = {
-    "place": ("t, x, v, data", "t, x, v, {data}"),
-    "add": ("t, x, v, data, force", "t, x, v, {data}, force"),
-    "potential": ("x, data", "x, {data}"),
-    "power": ("t, x, v, data", "t, x, v, {data}"),
-    "work": ("h, x0, v0, x1, v1, data", "h, (x0, v0), (x1, v1), {data}"),
-    "verlet_work": ("h, data", "h, {data}"),
-    "remember": ("t, x, v, data", "t, x, v, {data}"),
-    "event": ("t, x, v, data", "t, x, v, {data}"),
-    "shorten": ("step, least, x, v, data", "step, least, x, v, {data}"),
-}
-FUNCTIONS = tuple(_ENTRIES)
+FUNCTIONS = ("place", "add", "potential", "power", "work", "verlet_work", "remember", "event", "shorten")
 
 
 def call_source(call: KernelCall, *, lanes: bool) -> str:
@@ -65,9 +53,11 @@ def call_source(call: KernelCall, *, lanes: bool) -> str:
     own = {name: function for name in FUNCTIONS if (function := getattr(call, name)) is not None}
     texts = [_text(function) for function in dict.fromkeys((*call.helpers, *own.values()))]
     for name, function in own.items():
-        given, passed = _ENTRIES[name]
+        given = passed = ", ".join(ARGUMENTS[name])
+        if name == "work":  # whose states come one by one
+            given, passed = "h, x0, v0, x1, v1, data", "h, (x0, v0), (x1, v1), data"
         gives = name not in ("place", "add", "remember") or (name == "add" and reports(call))
-        passed = passed.format(data="data" if call.held else "whole(data)")
+        passed = passed if call.held else passed.replace("data", "whole(data)")
         line = f"    {'return ' if gives else ''}{function.__name__}({passed})"
         texts.append(f"{SELDOM if name == 'potential' else BY_ADDRESS}\ndef entry_{name}({given}):\n{line}")
     runs = f", {WIDTH} runs at once" if lanes else ""

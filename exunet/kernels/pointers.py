@@ -14,8 +14,8 @@ Importing this module imports Numba: only compiled code and what builds it may d
 
 from __future__ import annotations
 
+import inspect
 import operator
-from collections.abc import Callable
 from typing import Any
 
 from numba.core import cgutils, errors, types
@@ -168,10 +168,6 @@ def _load_loan_field(context: Any, builder: Any, loan: Loan, value: Any, name: s
     return builder.load(cgutils.gep_inbounds(builder, builder.bitcast(data, held.as_pointer()), 0, number))
 
 
-# mypy: allow-untyped-defs, allow-untyped-decorators, allow-subclassing-any, allow-untyped-calls
-# (Numba demands the overloads' signatures without annotations.)
-
-
 class At(types.Type):
     """Where a named tuple of arrays and numbers stands in memory; its fields are attributes."""
 
@@ -262,15 +258,7 @@ _ARGUMENTS = {
     "event": (_TIME, _STATE, _STATE, _DATA),
     "shorten": (_TIME, _TIME, _STATE, _STATE, _DATA),
 }
-_RETURNS = (
-    "reporting",
-    "potential",
-    "power",
-    "work",
-    "verlet_work",
-    "event",
-    "shorten",
-)  # a number; the others nothing
+_NOTHING = ("place", "add", "remember")  # the others a number
 
 
 def signature_of(
@@ -278,7 +266,8 @@ def signature_of(
 ) -> tuple[types.Type, tuple[types.Type, ...]]:
     """Result and arguments of a function of a force, for states of such numbers."""
     of = {_TIME: types.float64, _DATA: data, _STATE: state_of(number)}
-    return number if name in _RETURNS else types.none, tuple(of[argument] for argument in _ARGUMENTS[name])
+    result = types.none if name in _NOTHING else number
+    return result, tuple(of[argument] for argument in _ARGUMENTS[name])
 
 
 def _number_in(kinds: tuple[types.Type, ...], name: str) -> types.Type:
@@ -290,10 +279,10 @@ def _number_in(kinds: tuple[types.Type, ...], name: str) -> types.Type:
     return states[0].dtype if states else types.float64  # type: ignore[attr-defined]
 
 
-def _through(name: str) -> Callable[..., Any]:
-    """A call by address, for compiled code: its arguments are the address and those of the function."""
+def _call(name: str) -> Any:
+    """Return the call of a function of a force in compiled code: call(address, *arguments)."""
 
-    def typed(kinds: tuple[types.Type, ...]) -> Any:
+    def typed(typingctx: Any, *kinds: types.Type) -> Any:
         _, *given = kinds
         result, wanted = signature_of(name, _number_in(tuple(given), name), ANYWHERE)
 
@@ -312,87 +301,22 @@ def _through(name: str) -> Callable[..., Any]:
 
         return result(*kinds), generate
 
-    return typed
+    names = ("typingctx", "address", *(f"argument_{k}" for k in range(len(_ARGUMENTS[name]))))
+    parameters = [inspect.Parameter(item, inspect.Parameter.POSITIONAL_OR_KEYWORD) for item in names]
+    typed.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    typed.__name__ = f"call_{name}"
+    return intrinsic(typed)
 
 
-_place, _add, _reported, _potential, _power, _work, _verlet_work, _remember, _event, _shorten = (
-    _through(name) for name in _ARGUMENTS
-)
-
-
-@intrinsic
-def call_place(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any:
-    """`KernelCall.place` by its address f, with the data that stand at an address; so the others."""
-    return _place((f, t, x, v, data))
-
-
-@intrinsic
-def call_add(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any, force: Any) -> Any:
-    """`KernelCall.add`, of one that returns nothing."""
-    return _add((f, t, x, v, data, force))
-
-
-@intrinsic
-def call_reporting(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any, force: Any) -> Any:
-    """`KernelCall.add`, of one that returns an energy or a power."""
-    return _reported((f, t, x, v, data, force))
-
-
-@intrinsic
-def call_potential(typingctx: Any, f: Any, x: Any, data: Any) -> Any:
-    """`KernelCall.potential`."""
-    return _potential((f, x, data))
-
-
-@intrinsic
-def call_power(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any:
-    """`KernelCall.power`."""
-    return _power((f, t, x, v, data))
-
-
-@intrinsic
-def call_work(typingctx: Any, f: Any, h: Any, x0: Any, v0: Any, x1: Any, v1: Any, data: Any) -> Any:
-    """`KernelCall.work`, its states one by one."""
-    return _work((f, h, x0, v0, x1, v1, data))
-
-
-@intrinsic
-def call_verlet_work(typingctx: Any, f: Any, h: Any, data: Any) -> Any:
-    """`KernelCall.verlet_work`."""
-    return _verlet_work((f, h, data))
-
-
-@intrinsic
-def call_remember(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any:
-    """`KernelCall.remember`."""
-    return _remember((f, t, x, v, data))
-
-
-@intrinsic
-def call_event(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any:
-    """`KernelCall.event`."""
-    return _event((f, t, x, v, data))
-
-
-@intrinsic
-def call_shorten(typingctx: Any, f: Any, step: Any, least: Any, x: Any, v: Any, data: Any) -> Any:
-    """`KernelCall.shorten`."""
-    return _shorten((f, step, least, x, v, data))
-
-
-__all__ = [
-    "call_add",
-    "call_event",
-    "call_place",
-    "call_potential",
-    "call_power",
-    "call_remember",
-    "call_reporting",
-    "call_shorten",
-    "call_verlet_work",
-    "call_work",
-    "kind_at",
-    "signature_of",
-    "whole",
-    "zero_of",
-]
+(
+    call_place,
+    call_add,
+    call_reporting,
+    call_potential,
+    call_power,
+    call_work,
+    call_verlet_work,
+    call_remember,
+    call_event,
+    call_shorten,
+) = map(_call, _ARGUMENTS)

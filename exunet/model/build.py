@@ -48,7 +48,6 @@ from exunet.model.initial import (
     Restart,
     along_tethers,
     bodies_at_start,
-    common_velocity,
     kicks,
     packed_state,
 )
@@ -89,8 +88,6 @@ def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None)
     start = places_at_start(scene, threads, rigid, faults, restart)
     components = components_of(scene, threads, start)
     blocks = _blocks(scene, threads, start, components, restart)
-    words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
-    faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
     constraint = start.rigid.kinematics.term(blocks)
     if start.eject_at > 0.0:
         constraint = ejecting(constraint, start.eject_at, start.axes, start.rigid, blocks, start.added)
@@ -107,9 +104,8 @@ def system_of(scene: Scene, faults: list[Fault], restart: Restart | None = None)
         target = None if scene.capture is None else scene.capture.target
         script = script_of(scene.script, system, target)
         system = replace(system, forces=replace(forces, script=script))
-    velocity = np.concatenate([start.velocity, _velocity_of_masses(scene, blocks)])
     discrete = dict(system.discrete)
-    return system, State(0.0, blocks.position, velocity, bodies.states, discrete, blocks.initial_states)
+    return system, State(0.0, start.position, start.velocity, bodies.states, discrete, blocks.initial_states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +254,7 @@ def _outside(scene: Scene, net: Net) -> tuple[str, ...]:
     if not scene.bodies or implicit:
         return ()
     units = () if scene.control is None else (corner_units.NAME,)
-    outside = (name for name, effect in scene.effects.on.items() if not effect.is_internal())
+    outside = (name for name, effect in scene.effects.on.items() if not effect.INTERNAL)
     return (*outside, *units, *((FIXED_NODES,) if len(net.fixed_nodes) else ()))
 
 
@@ -288,22 +284,20 @@ def _blocks(
     names = tuple(body.name for body in rigid.bodies)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
-    masses = tuple(mass for effect in scene.effects.on.values() for mass in effect.point_masses())
-    blocks = Blocks.of(threads.net, start.position, masses, names, states, inertia, poses)
-    moving = np.concatenate([start.velocity, _velocity_of_masses(scene, blocks)])
+    moving = start.velocity.copy()
     if start.eject_at > 0.0:
         moving[: len(start.added)] += start.added @ axes.turn.T
-    return replace(
-        blocks,
+    return Blocks(
+        threads.net,
+        start.position,
+        names,
+        states,
+        inertia=inertia,
+        poses=poses,
         surfaces=_surfaces(scene, threads, rigid),
         carrier="" if axes.body is None else names[axes.body],
         speeds=Speeds(moving, rigid.states.velocity, rigid.states.angular_velocity),
     )
-
-
-def _velocity_of_masses(scene: Scene, blocks: Blocks) -> Floats:
-    """Return (n, 3) velocities of the point masses [m/s]."""
-    return common_velocity(scene.initial, blocks.position[blocks.net.n_nodes :])
 
 
 def _surfaces(scene: Scene, threads: Threads, rigid: BodiesAtStart) -> dict[str, Surface]:

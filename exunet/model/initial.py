@@ -28,7 +28,7 @@ from exunet.net.closing import LineThroughRings
 from exunet.net.folding import folded
 from exunet.net.tether import ReeledTether, TiedPoint
 from exunet.net.weave import between
-from exunet.scene.scene import Initial, Scene
+from exunet.scene.scene import Scene
 
 KEY = "initial.restart"
 _ROUND_OFF = 1e-9  # of a length, a mass or a moment of inertia
@@ -52,7 +52,11 @@ def packed_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
         position = initial.deployed * net.reference_position
     if isinstance(scene.net, explicit.ExplicitNet) and initial.node_positions is not None:
         position = _of_all_nodes(initial.node_positions, scene.net)
-    velocity = common_velocity(initial, position)
+    velocity = np.zeros_like(position)
+    if initial.velocity:
+        velocity += initial.velocity
+    if initial.spin:
+        velocity += np.cross(initial.spin, position)
     if isinstance(scene.net, explicit.ExplicitNet) and initial.node_velocities is not None:
         velocity += _of_all_nodes(initial.node_velocities, scene.net)
     velocity[net.fixed_nodes] = 0.0
@@ -109,16 +113,6 @@ def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit
     """Return values of listed nodes and, interpolated, of the inner nodes of divided elements."""
     values = np.array(listed, dtype=float)
     return np.concatenate([values, between(values, keys.listed.elements, keys.divisions)])
-
-
-def common_velocity(initial: Initial, position: Floats) -> Floats:
-    """Compute (n, 3) initial.velocity + initial.spin x position [m/s]."""
-    velocity = np.zeros_like(position)
-    if initial.velocity:
-        velocity += initial.velocity
-    if initial.spin:
-        velocity += np.cross(initial.spin, position)
-    return velocity
 
 
 class RestartBody(NamedTuple):

@@ -123,7 +123,7 @@ def taut_stiffness(system: System) -> scipy.sparse.csr_array:
     any_direction = np.isin(net.element_nodes, tied).any(axis=1)
     stiffness = (steepest * net.axial_stiffness / net.reference_length)[any_direction]
     blocks[any_direction] = stiffness[:, None, None] * np.eye(3)
-    stiffness, linear = assemble_pairs(net, blocks, system.blocks.n_points), system.forces.linear
+    stiffness, linear = assemble_pairs(net, blocks), system.forces.linear
     if linear is not None and linear.stiffness is not None:
         stiffness = scipy.sparse.csr_array(stiffness + linear.stiffness)
     return stiffness
@@ -310,22 +310,14 @@ MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smalle
 
 def overflow_faults(system: System, start: State) -> list[Fault]:
     """Return faults of initial values above `LARGEST`, whose products may overflow."""
-    blocks, moving = system.blocks, start.bodies
+    moving = start.bodies
     with np.errstate(all="ignore"):
         found = [
             ("initial", "kinetic energy at the start", energy.kinetic(system.mass, start.velocity)),
             ("initial.packing", "elastic energy at the start", energy.elastic(system.forces, start.position)),
-            ("net", "mass of a node", blocks.mass[: system.net.n_nodes]),
-            ("net", "inverse of a node's mass", 1.0 / blocks.mass[: system.net.n_nodes]),
+            ("net", "mass of a node", system.net.mass),
+            ("net", "inverse of a node's mass", 1.0 / system.net.mass),
             ("net", "cube of an element's length", system.net.reference_length**3),
-        ]
-        found += [
-            ("effects", f"{what} of {name}", value)
-            for name, k in blocks.body.items()
-            for what, value in (
-                ("mass", blocks.mass[k]),
-                ("inverse of the mass", 1.0 / blocks.mass[k]),
-            )
         ]
         for k, body in enumerate(system.bodies):
             alone, name = moving.of_body(k), f"bodies.{body.name}"

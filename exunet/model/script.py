@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -33,9 +33,9 @@ from exunet.forces.terms import (
     DiscreteState,
     DiscreteStates,
     Input,
-    KernelCall,
     KernelTerm,
     Seen,
+    Term,
     Watch,
     copied,
 )
@@ -43,7 +43,7 @@ from exunet.forces.total import Forces
 from exunet.model.ejection import HELD, LET_GO, NODES
 from exunet.model.states import States
 from exunet.model.system import System
-from exunet.net.areas import mouth_against, mouth_area, mouth_diameter
+from exunet.net.areas import mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.scene.script import QUANTITIES, ScriptEntry, begins_a_thrust, conflict, drive_of
@@ -195,11 +195,6 @@ VALUES: Mapping[str, Callable[[Sources, EndStates], Floats]] = {
     "closing_tension": _closing_tension,
     "touching": _touching,
 }
-DIFFERENCES: Mapping[str, Callable[[Sources, EndStates, float], Floats]] = {
-    "mouth_diameter": lambda sources, sample, bound: mouth_against(
-        sources.system.net, sample.states.position, bound
-    ),
-}  # numbers with the sign of a quantity less a bound, where they are cheaper than the quantity
 OF_VELOCITIES = ("relative_speed", "tether_tension")
 
 
@@ -470,11 +465,8 @@ class ScriptEvents(Watch):
     def _look(self, steps: Seen, *, completed: bool = True) -> EndStates:
         return EndStates(lambda: self._states(steps, completed=completed), steps.reported, steps.mean)
 
-    def _beyond(self, number: int, row: EntryState, sample: EndStates, *, signs: bool = False) -> Floats:
-        """Return (k,) numbers above 0 where a condition holds, in the unit of its quantity.
-
-        signs : only the signs are needed
-        """
+    def _beyond(self, number: int, row: EntryState, sample: EndStates) -> Floats:
+        """Return (k,) numbers above 0 where a condition holds, in the unit of its quantity."""
         condition = self._conditions[number]
         assert condition is not None
         if condition.name == "first_contact":
@@ -483,11 +475,7 @@ class ScriptEvents(Watch):
             area = VALUES["area"](self._sources, sample)
             largest = np.maximum.accumulate(np.maximum(row.value, area))
             return np.asarray((1.0 - self._entries[number].fall) * largest - area)
-        if signs and condition.name in DIFFERENCES:
-            difference = DIFFERENCES[condition.name](self._sources, sample, condition.bound)
-        else:
-            difference = VALUES[condition.name](self._sources, sample) - condition.bound
-        beyond = condition.sign * difference
+        beyond = condition.sign * (VALUES[condition.name](self._sources, sample) - condition.bound)
         if row.times and row.state == ARMED:
             rests = sample.states.time < row.since + self._entries[number].rest
             beyond = np.where(rests, -np.abs(beyond), beyond)
@@ -512,7 +500,7 @@ class ScriptEvents(Watch):
                 due.append(k)
             elif time != self._nothing_at:
                 sample = sample or self._look(self._now(time, x, v, discrete))
-                if (self._beyond(k, row, sample, signs=True)[0] > 0.0) == (row.state == ARMED):
+                if (self._beyond(k, row, sample)[0] > 0.0) == (row.state == ARMED):
                     due.append(k)
         if not due:
             return _NOTHING
@@ -532,7 +520,7 @@ class ScriptEvents(Watch):
         sample = self._look(steps, completed=speeds)
         true = np.zeros(len(steps.time), dtype=bool)
         for k, row in watched:
-            true |= (self._beyond(k, row, sample, signs=True) > 0.0) == (row.state == ARMED)
+            true |= (self._beyond(k, row, sample) > 0.0) == (row.state == ARMED)
         if true.any():
             self._nothing_at = -math.inf
             return int(true.argmax())
@@ -729,7 +717,7 @@ class ScriptEvents(Watch):
 
 
 @dataclass(frozen=True, eq=False)
-class Script:
+class Script(Term):
     """Script of a case as a term without forces; the system of `sources` does not include it.
 
     damping : of each drive [N s/m]
@@ -738,20 +726,6 @@ class Script:
     entries: tuple[ScriptEntry, ...]
     sources: Sources
     damping: dict[str, float | None]
-    acts_on: str = field(default="nothing", init=False)
-    calls: tuple[KernelCall, ...] = field(default=(), init=False)
-    inputs: tuple[Input, ...] = field(default=(), init=False)
-    dissipates: bool = field(default=False, init=False)
-    has_potential: bool = field(default=False, init=False)
-    damping_rate: float = field(default=0.0, init=False)
-
-    def data_at(self, discrete: DiscreteStates) -> tuple[tuple[Any, ...], ...]:
-        """Return no data: the term does not have calls."""
-        return ()
-
-    def numbers(self) -> Iterator[Any]:
-        """Yield no numbers."""
-        yield from ()
 
     @property
     def discrete(self) -> DiscreteState:

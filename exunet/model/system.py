@@ -49,7 +49,7 @@ class System:
     Attributes
     ----------
     blocks : Blocks
-        Nodes of the net, point masses, rigid bodies and first-order states in one numbering.
+        Nodes of the net, rigid bodies and first-order states in one numbering.
     forces : Forces
         Force terms.
     bodies : tuple of RigidBody

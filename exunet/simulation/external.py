@@ -94,20 +94,18 @@ class ExternalInputs:
         return {name: vector[where] for name, where in self._where.items()}
 
     def with_force(self, vector: Floats, on: int | str, force: ArrayLike) -> Floats:
-        """Return a new vector with another force (3,) [N] on a node, or on a point mass by name.
+        """Return a new vector with another force (3,) [N] on a node.
 
-        Raises InputError for an unknown node or point mass, and for a force that is not three finite numbers.
+        Raises InputError for an unknown node, and for a force that is not three finite numbers.
         """
         blocks = self._blocks
-        number = blocks.body.get(on) if isinstance(on, str) else whole_number(on)
-        if number is None and isinstance(on, str):
+        number = None if isinstance(on, str) else whole_number(on)
+        if isinstance(on, str):
             with suppress(ValueError):
                 number = blocks.net.node(on)
         if number is None or not (isinstance(on, str) or 0 <= number < blocks.net.n_nodes):
             nodes = ", ".join(filter(None, (f"0 to {blocks.net.n_nodes - 1}", blocks.net.node_names)))
-            masses = ", ".join(blocks.body) or "none"
-            words = f"nodes: {nodes}; point masses: {masses}"
-            raise InputError(f"set_force: unknown node or point mass {on!r} ({words})")
+            raise InputError(f"set_force: unknown node {on!r} (nodes: {nodes})")
         values = finite_vector(force, 3)
         if values is None:
             raise InputError(f"set_force: force must be three finite numbers, got {force!r}")

@@ -117,10 +117,6 @@ def _row(result: Result, time_text: str | None, path: Path) -> int:
 
 def _state(result: Result, row: int, path: Path) -> Restart:
     time, run = float(result.time[row]), result.run
-    points = [name for name, body in result.bodies.items() if body.inertia is None]
-    if points:
-        words = f"has a point mass, {points[0]!r}, of [effects.launch_force]: start from a run without it"
-        _refuse(f"{path}: {words}")
     if run.carried is not None and not any(event.time_s <= time for event in run.ejections):
         _refuse(
             f"{path}: at {time:g} s a body still holds the packed net: start from a state after its ejection"

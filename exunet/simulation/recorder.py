@@ -69,8 +69,7 @@ _BATCH, _BATCH_BYTES = 256, 8 << 20  # most stored states, and their size, that 
 
 def constants_of_bodies(system: System) -> dict[str, BodyConstants]:
     """Return the constants of the bodies, by name."""
-    points = {name: BodyConstants(float(system.mass[k])) for name, k in system.blocks.body.items()}
-    rigid = {
+    return {
         body.name: BodyConstants(
             body.mass,
             body.inertia_in_frame,
@@ -79,7 +78,6 @@ def constants_of_bodies(system: System) -> dict[str, BodyConstants]:
         )
         for k, body in enumerate(system.bodies)
     }
-    return points | rigid
 
 
 def _fixed_to(system: System, number: int) -> NDArray[np.int64] | None:
@@ -266,9 +264,6 @@ class Recorder(StoringObserver):
             least = np.minimum(intervals[:, 1], np.minimum(energies[:, 1], before[:, 1]))
             rows |= {"energy/largest_elastic": largest, "energy/least_kinetic": least}
             self._last = energies[-1:]
-        for name, k in blocks.body.items():
-            rows[body_path(name, "position")] = states.position[:, k]
-            rows[body_path(name, "velocity")] = states.velocity[:, k]
         bodies = self._start.system.bodies
         for k, body in enumerate(bodies):
             for quantity, values in vars(in_frames(bodies, states.bodies)).items():

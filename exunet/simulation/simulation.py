@@ -72,7 +72,7 @@ class NetState:
 
 @dataclass(frozen=True, eq=False)
 class BodyState:
-    """Body at one instant; a point mass does not have an attitude.
+    """Body at one instant.
 
     position, velocity : (3,) of the centre of mass [m], [m/s]
     attitude           : (4,) unit quaternion (w, x, y, z), from the body's axes to the scene's
@@ -82,12 +82,12 @@ class BodyState:
 
     position: Floats
     velocity: Floats
-    attitude: Floats | None = None
-    angular_velocity: Floats | None = None
+    attitude: Floats
+    angular_velocity: Floats
 
     @property
-    def rotation(self) -> Floats | None:
-        return None if self.attitude is None else rotation_matrix(self.attitude)
+    def rotation(self) -> Floats:
+        return rotation_matrix(self.attitude)
 
 
 # Observers of each simulation: "package.module:Class", made with the system and its first state, by name.
@@ -233,12 +233,10 @@ class Simulation:
         """Present states of the bodies, by name."""
         now, system = self.state, self._start.system
         framed = in_frames(system.bodies, now.bodies)
-        points = {name: BodyState(now.position[k], now.velocity[k]) for name, k in system.blocks.body.items()}
-        rigid = {
+        return {
             body.name: BodyState(*(getattr(framed, name)[k] for name in _OF_BODY))
             for k, body in enumerate(system.bodies)
         }
-        return points | rigid
 
     @property
     def largest_tension(self) -> Peak:
@@ -305,7 +303,7 @@ class Simulation:
             self.run.go([time])
 
     def set_force(self, on: int | str, force: ArrayLike) -> None:
-        """Set the force (3,) [N] on a node by number or name ("centre"), or on a point mass by name.
+        """Set the force (3,) [N] on a node by number or name ("centre").
 
         Its work counts in the energy balance as input.
         """

@@ -86,7 +86,7 @@ class Theirs:
     """States in the reference's numbering; leading axes are free.
 
     x, v   : (..., n, 3) of the nodes [m], [m/s]
-    bodies : of its bodies: a chaser first, then the rigid ones
+    bodies : of its bodies
     """
 
     x: Floats
@@ -107,8 +107,8 @@ class Trajectory:
     """A trajectory in exunet's numbering, by points that move with it.
 
     time       : (t,) [s]
-    position   : (t, k, 3) [m] of the nodes, the point masses, and four points of each rigid body: its centre,
-                 and the ends of arms along its axes, as long as the net's size. So its attitude counts too
+    position   : (t, k, 3) [m] of the nodes, and four points of each rigid body: its centre, and the ends of
+                 arms along its axes, as long as the net's size. So its attitude counts too
     velocity   : (t, k, 3) of these points [m/s]
     seen       : the same states as the reference has them, with the bodies
     steps      : number of steps
@@ -195,9 +195,8 @@ class BothCodes:
 
     @cached_property
     def reference_bodies(self) -> Ints:
-        """(n_bodies,) for each point mass of exunet, then each rigid body, the reference's of this name."""
-        blocks, theirs = self.start.system.blocks, self.theirs.system.bodies.names
-        ours = (*blocks.body, *blocks.rigid)
+        """(n_bodies,) for each rigid body of exunet the reference's of this name."""
+        ours, theirs = self.start.system.blocks.rigid, self.theirs.system.bodies.names
         if set(ours) != set(theirs):
             raise InputError(f"not the same bodies: {', '.join(ours)} and {', '.join(theirs)}")
         return np.array([theirs.index(name) for name in ours], dtype=np.int64)
@@ -207,16 +206,10 @@ class BothCodes:
         """(n_points + n_rigid,) for each point and each rigid body of exunet the reference's particle."""
         return np.concatenate([self.reference_nodes, self.start.net.n_nodes + self.reference_bodies])
 
-    @cached_property
-    def _beside(self) -> tuple[Ints, Ints]:
-        """Which of the reference's bodies are exunet's point masses, and which its rigid bodies."""
-        points = len(self.start.system.blocks.body)
-        return self.reference_bodies[:points], self.reference_bodies[points:]
-
     @property
     def reference_rigid(self) -> Ints:
         """(n_rigid,) for each rigid body of exunet its number among the rigid ones of the reference."""
-        return np.searchsorted(self.theirs.system.bodies.rigid, self._beside[1])
+        return np.searchsorted(self.theirs.system.bodies.rigid, self.reference_bodies)
 
     def to_reference(self, values: Floats) -> Floats:
         """Values (..., n, 3) of exunet's nodes in the order of the reference's."""
@@ -230,20 +223,16 @@ class BothCodes:
 
     def theirs_at(self, moving: Moving) -> Theirs:
         """States of exunet as the reference has them."""
-        n, bodies = self.start.net.n_nodes, in_frames(self.start.system.bodies, moving.bodies)
-        mass_points, rigid = self._beside
-        count = len(self.reference_bodies)
-        leading = moving.position.shape[:-2]
+        bodies, rigid = in_frames(self.start.system.bodies, moving.bodies), self.reference_bodies
+        leading, count = moving.position.shape[:-2], len(rigid)
         place, speed = np.empty((*leading, count, 3)), np.empty((*leading, count, 3))
-        attitude = np.broadcast_to(np.eye(3), (*leading, count, 3, 3)).copy()
-        turning = np.zeros((*leading, count, 3))
-        place[..., mass_points, :], place[..., rigid, :] = moving.position[..., n:, :], bodies.position
-        speed[..., mass_points, :], speed[..., rigid, :] = moving.velocity[..., n:, :], bodies.velocity
+        attitude, turning = np.empty((*leading, count, 3, 3)), np.empty((*leading, count, 3))
+        place[..., rigid, :], speed[..., rigid, :] = bodies.position, bodies.velocity
         attitude[..., rigid, :, :] = rotation_matrix(bodies.attitude)
         turning[..., rigid, :] = bodies.angular_velocity
         return Theirs(
-            self.to_reference(moving.position[..., :n, :]),
-            self.to_reference(moving.velocity[..., :n, :]),
+            self.to_reference(moving.position),
+            self.to_reference(moving.velocity),
             reference.BodyStates(place, speed, attitude, turning),
         )
 
@@ -281,20 +270,12 @@ class BothCodes:
         Places and velocities (..., b, 3) of the centres of mass, attitudes (..., b, 3, 3) of the frames, and
         angular velocities (..., b, 3) in their axes.
         """
-        rigid, states = self._beside[1], seen.bodies
+        rigid, states = self.reference_bodies, seen.bodies
         return (
             states.position[..., rigid, :],
             states.velocity[..., rigid, :],
             states.attitude[..., rigid, :, :],
             states.angular_velocity[..., rigid, :],
-        )
-
-    def points_of(self, found: reference.Trajectory) -> tuple[Floats, Floats]:
-        """Positions and velocities (t, n_points, 3) of exunet's points in a trajectory of the reference."""
-        masses, bodies = self._beside[0], found.bodies
-        return (
-            np.concatenate([self.from_reference(found.x), bodies.position[:, masses]], axis=1),
-            np.concatenate([self.from_reference(found.v), bodies.velocity[:, masses]], axis=1),
         )
 
     def in_principal_axes(self, seen: Theirs | reference.Trajectory) -> RigidStates:
@@ -384,12 +365,10 @@ class BothCodes:
     def from_state(self, position: Floats, velocity: Floats, bodies: RigidStates | None = None) -> BothCodes:
         """The same case started from another state of the free points, and of the rigid bodies if given.
 
-        position, velocity : (n_points, 3), or (n_nodes, 3): point masses then start as they do. Points of
-        bodies are where these put them
+        position, velocity : (n_points, 3); points of bodies are where these put them
         """
         fixed = self.start.net.fixed_nodes
-        position = np.concatenate([position, self.start.position[len(position) :]])
-        velocity = np.concatenate([velocity, self.start.velocity[len(velocity) :]])
+        position, velocity = position.copy(), velocity.copy()
         position[fixed], velocity[fixed] = self.start.position[fixed], 0.0
         start = self.start
         if bodies is not None:
@@ -450,7 +429,8 @@ class BothCodes:
     def _seen(self, found: reference.Trajectory) -> Trajectory:
         """A trajectory of the reference in exunet's numbering."""
         seen = Theirs(found.x, found.v, found.bodies)
-        arms = with_arms(self.points_of(found), self.rigid_of(seen), self.size)
+        nodes = self.from_reference(found.x), self.from_reference(found.v)
+        arms = with_arms(nodes, self.rigid_of(seen), self.size)
         ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
         breaks = tuple(Break(int(ours[item.element]), item.time) for item in found.breaks)
         given = np.concatenate([found.given.impulse, found.given.angular_impulse], axis=-1).sum(axis=1)

@@ -599,8 +599,7 @@ def validate_method(start: Start) -> None:
 def member_bytes(start: Start) -> int:
     """Return what an ensemble keeps in memory of a member at most: metrics and time series [bytes]."""
     system, units = start.system, start.scene.control
-    bodies = len(system.bodies) + len(system.blocks.body)
-    series = 16 + 20 * bodies + 6 * len(system.blocks.states) + len(series_of(system))
+    series = 16 + 20 * len(system.bodies) + 6 * len(system.blocks.states) + len(series_of(system))
     series += 4 * len(system.kinematics.point) + (len(units.bullets) if units is not None else 0)
     return 3 * 8 * series * (INTERVALS + 1)  # with quantiles over many of them
 

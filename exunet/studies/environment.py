@@ -79,7 +79,7 @@ class NetEnvironment(Env):
                    each value. "wrench/BODY" is force and torque on a free body, see `Simulation`. An action
                    is their values, one after the other; what is beyond its bounds is cut to them
     observations : what an observation has, one after the other: "time"; "position/OF" and "velocity/OF" of a
-                   body, a point mass, or a node (number or name); "attitude/BODY", "angular_velocity/BODY";
+                   body or a node (number or name); "attitude/BODY", "angular_velocity/BODY";
                    all as `Simulation.bodies` has them; "tension/net", "tension/tether NAME": the largest now
     period       : time between two actions [s]; each acts until the next
     end          : of an episode, which is truncated there [s]; None: time.end of the case
@@ -253,7 +253,7 @@ def _reader(system: System, name: str) -> Read:
     """Takes the numbers of a read-out from what is seen, as views where it can."""
     what, _, whom = str(name).partition("/")
     blocks, groups = system.blocks, system.net.groups
-    points = {str(node): node for node in range(system.net.n_nodes)} | dict(blocks.body)
+    points = {str(node): node for node in range(system.net.n_nodes)}
     with suppress(ValueError):
         points.setdefault(whom, system.net.node(whom))
     if name == "time":
@@ -268,7 +268,7 @@ def _reader(system: System, name: str) -> Read:
         point = points[whom]
         return partial(_of_point, what, point)
     nodes = ", ".join(filter(None, (f"0 to {system.net.n_nodes - 1}", system.net.node_names)))
-    placed = ", ".join((*blocks.rigid, *blocks.body, f"nodes ({nodes})"))
+    placed = ", ".join((*blocks.rigid, f"nodes ({nodes})"))
     raise InputError(
         f"NetEnvironment: observations: there is no {name!r}: time; position/ and velocity/ with {placed}; "
         f"attitude/ and angular_velocity/ with {', '.join(blocks.rigid) or 'bodies: none in this scene'}; "

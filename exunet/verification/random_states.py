@@ -146,7 +146,7 @@ def random_states(
 
 
 def random_instants(start: Start, kind: str, count: int, random: np.random.Generator) -> Iterator[State]:
-    """Draw states of a whole system: `random_states`, point masses among the nodes, bodies anywhere.
+    """Draw states of a whole system: `random_states`, bodies anywhere.
 
     Where elements may break, a tenth of them is broken in every other state. Forces that depend on time have
     any time of the scene. Any length of a closing line is wound up, any part of a perimeter is left. Fixed
@@ -154,16 +154,14 @@ def random_instants(start: Start, kind: str, count: int, random: np.random.Gener
     """
     system, net = start.system, start.net
     cable, fixed = system.forces.cable, net.fixed_nodes
-    beside, bodies = system.blocks.n_points - net.n_nodes, len(system.bodies)
+    bodies = len(system.bodies)
     first, drawn = system.blocks.n_x - system.blocks.n_states, _drawn(system)
     timed = [
         (term.discrete, switch) for term, switch in system.forces.switches if switch.times and term.discrete
     ]
     for number, (position, velocity) in enumerate(random_states(net, kind, count, random)):
         position[fixed], velocity[fixed] = start.position[fixed], 0.0
-        places = np.concatenate([position, _ball(random, beside, net.size)])
-        speeds = np.concatenate([velocity, random.normal(size=(beside, 3))])
-        state = replace(start.state, position=places, velocity=speeds)
+        state = replace(start.state, position=position, velocity=velocity)
         discrete = dict(state.discrete)
         if bodies:
             turned = np.array([_quaternion(random) for _ in range(bodies)])
@@ -428,11 +426,9 @@ def _differences(case: BothCodes) -> Iterator[Check]:
             yield difference(name.replace("_", " "), a, b, TOPOLOGY, (axis, "xyz")[: a.ndim])
     system, theirs = case.start.system, case.theirs
     order, beside = case.reference_bodies, theirs.system.bodies
-    masses = np.append(system.mass[system.net.n_nodes :], system.body_mass)
-    rigid = order[len(system.blocks.body) :]
-    yield difference("mass of bodies", masses, beside.mass[order], TOPOLOGY, ("body",))
+    yield difference("mass of bodies", system.body_mass, beside.mass[order], TOPOLOGY, ("body",))
     inertia = np.array([body.inertia_in_frame for body in system.bodies]).reshape(-1, 3, 3)
-    yield difference("inertia", inertia, beside.inertia[rigid], TOPOLOGY, ("body", "xyz", "axis"))
+    yield difference("inertia", inertia, beside.inertia[order], TOPOLOGY, ("body", "xyz", "axis"))
     yield from _ejection(case)
     ours = case.theirs_at(case.start.state.moving)
     for name, a, b in (("position", ours.x, theirs.x0), ("velocity", ours.v, theirs.v0)):

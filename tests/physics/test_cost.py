@@ -129,7 +129,7 @@ def test_a_body_counts_by_what_its_motion_moves():
     system = subject(0.1, BODY, reference=False).start.system
     (body,) = system.bodies
     arm = math.sqrt(max(body.inertia) / body.mass)
-    velocity, none = np.zeros((1, system.net.n_nodes, 3)), (np.zeros((1, 0, 3)), np.zeros((1, 0, 3)))
+    velocity = np.zeros((1, system.net.n_nodes, 3))
     turned = np.array([[1.0, -1e-3, 0.0], [1e-3, 1.0, 0.0], [0.0, 0.0, 1.0]])  # to first order
 
     def found(position=0.0, speed=0.0, attitude=ALONG, spin=0.0):
@@ -139,7 +139,7 @@ def test_a_body_counts_by_what_its_motion_moves():
             attitude[None, None],
             np.array([[[0.0, 0.0, spin]]]),
         )
-        return tracked(system, velocity, none, motion, 4.0)
+        return tracked(system, velocity, motion, 4.0)
 
     def error(**changes):
         return np.abs(found(**changes) - found()).max()

@@ -32,7 +32,7 @@ def line(places: Floats, **given: Any) -> tuple[closing.Line, Blocks]:
     numbers |= {"shortest": 0.5, "largest_rate": 5.0, "has_winch": True}
     time, ratio = given.pop("time", 0.0), given.pop("ratio", 1.0)
     drawn = LineThroughRings(**(numbers | given))
-    blocks = Blocks.of(net, places, (), (), states_of(drawn, places, ratio, time))
+    blocks = Blocks(net, places, (), states_of(drawn, places, ratio, time))
     string = Drawstring(drawn, blocks, ratio, time)
     return string.data(string.at_start), blocks
 
@@ -361,7 +361,7 @@ def edge(
     net = Net(np.zeros((n, 3)), mass, ENDS, LENGTH, STIFFNESS, STIFFNESS, STIFFNESS,
               np.zeros(5, dtype=bool), nothing, nothing)  # fmt: skip
     one = ShortenedEdge(elements, **({"at": 0.1, "rate": 2.0, "part": 0.6} | given))
-    return perimeter.Shortening(one, Blocks.of(net, np.zeros((n, 3)), (), (), perimeter.states_of(one)), law)
+    return perimeter.Shortening(one, Blocks(net, np.zeros((n, 3)), (), perimeter.states_of(one)), law)
 
 
 @pytest.mark.parametrize("time", [None, 0.02])

@@ -40,11 +40,12 @@ from exunet.studies.ablation import ablate
 SOFT = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8}
 
 BALL = {"shape": "sphere", "radius": 0.5, "mass": 10.0, "position": [0.0, 0.0, 2.0]}
+WITH_A_BODY = ("contact", "launch_force")
 OF_BODIES = {"contact"}  # without a body there is nothing to touch; contact has tests of its own
 
 
 def case(on: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
-    launch = {} if "launch_force" in on else {"launch": {"radial_speed": 2.5, "axial_speed": 1.0}}
+    launch = {"launch": {"radial_speed": 2.5, "axial_speed": 1.0}}
     return {
         "format": 1,
         "title": "a net that stretches, bends and snaps",
@@ -56,7 +57,7 @@ def case(on: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
         },
         "initial": {"packing": 0.9, "spin": [0.2, 0.5, 1.0]},
         "effects": {name: STRONG[name] for name in on},
-    } | launch | more  # fmt: skip
+    } | ({"bodies": {"ball": BALL}} if "launch_force" in on else launch) | more  # fmt: skip
 
 
 def start_with(*on: str, **more: Any) -> Start:
@@ -70,7 +71,7 @@ def subset(seed: int) -> tuple[str, ...]:
     if "j2" in names and "orbit" not in names:
         names.append("orbit")
     while True:
-        scene = Scene.model_validate(case())
+        scene = Scene.model_validate(case(bodies={"ball": BALL}))
         update: dict[str, Any] = {"effects": Effects(**{name: STRONG[name] for name in names})}
         if "launch_force" in names:
             update["launch"] = None
@@ -114,7 +115,7 @@ LEAVES = {
         {"gyroscopic", "kernels", "stiffness"},
         {"add_velocity_product", "add_two_body", "add_position_product"},
     ),
-    "launch_force": ({"kernels"}, {"add_launch_of_mass"}),
+    "launch_force": ({"kernels", "discrete", "switch"}, {"add_launch_of_body"}),
     "molecular_drag": ({"kernels"}, {"add_molecular_drag"}),
     "self_contact": ({"kernels", "discrete"}, {"add_together", "add_pair"}),
     "solar_pressure": ({"load"}, {"add_load"}),
@@ -142,7 +143,7 @@ def filled(forces: Forces) -> set[str]:
 def test_an_absent_effect_leaves_nothing(name: str) -> None:
     """With every other effect's terms as without any: only its own appear when it is on."""
     on = ("orbit", "j2") if name == "j2" else (name,)
-    more = {"bodies": {"ball": BALL}} if name in OF_BODIES else {}
+    more = {"bodies": {"ball": BALL}} if name in WITH_A_BODY else {}
     bare, with_it = start_with(**more), start_with(*on, **more)
     fields, functions = LEAVES[name]
     assert filled(bare.system.forces) == set()
@@ -232,7 +233,7 @@ def test_ways_of_constant_accelerations_and_decaying_speeds() -> None:
 def test_a_launch_lags_behind_by_its_stroke_or_makes_the_way() -> None:
     """Springs of 60 N over 0.1 m do 3 J on bullets of 4 kg; 16 of 24 kg are the bullets'."""
     keys = launch_force.SpringLaunchForce.model_validate(
-        {"kind": "spring", "force": 60.0, "stroke": 0.1, "spread_angle": 0.6, "chaser_mass": 500.0}
+        {"kind": "spring", "force": 60.0, "stroke": 0.1, "spread_angle": 0.6, "body": "chaser"}
     )
     basis = opening(0.4)
     part = math.sqrt(16.0 / 24.0)
@@ -430,7 +431,8 @@ DRAG = "{flow=[1.0,0.0,0.0], drag_coefficient=2.2, bullet_area=1e-3"
 AIR = "density=1.2,drag_coefficient=1.0,bullet_drag_coefficient=0.5"
 AXES = "radial=[0.0,0.0,1.0], along_track=[1.0,0.0,0.0]"
 ON_ORBIT = f'effects.orbit={{altitude=7e5, {AXES}, model="linear"}}'
-GUN = "force=1.0,stroke=0.1,spread_angle=0.1,chaser_mass=1.0"
+GUN = "force=1.0,stroke=0.1,spread_angle=0.1,body='chaser'"
+CHASER = "bodies.chaser={mass=1.0, inertia=[1.0, 1.0, 1.0]}"
 SUN = "{flux=1.0,direction=[0,0,0],pressure_coefficient=1.0,bullet_area=0.0}"
 BREAKING = ["effects.rayleigh_damping=", "effects.breaking.strain=0.1"]
 J2 = f"effects.j2={{altitude=7e5, {AXES}, inclination=1.0, argument_of_latitude=0.0}}"
@@ -450,9 +452,9 @@ FAULTS = {
                     [f"effects.molecular_drag={DRAG}, altitude=3e5}}", ON_ORBIT]),
     "J2 without an orbit": ("effects.j2", [J2]),
     "J2 of a long scene": ("effects.j2", [ON_ORBIT, J2, LONG]),
-    "two launches": ("effects.launch_force", [f'effects.launch_force={{kind="spring",{GUN}}}']),
+    "two launches": ("effects.launch_force", [CHASER, f'effects.launch_force={{kind="spring",{GUN}}}']),
     "gas without a volume": ("effects.launch_force.dead_length",
-                             ["launch=", f'effects.launch_force={{kind="gas",exponent=1.4,{GUN}}}']),
+                             [CHASER, "launch=", f'effects.launch_force={{kind="gas",exponent=1.4,{GUN}}}']),
     "two limits": ("effects.breaking.force", ["effects.breaking={strain=0.1,force=3.0}"]),
     "breaking with eq. (13)": ("effects.breaking", ["effects.breaking.strain=0.1"]),
     "breaking with Verlet": ("effects.breaking", [*BREAKING, "solver={method='VelocityVerlet'}"]),

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import exunet
 from exunet.forces import corner_units, from_outside, loops, on_bodies
-from exunet.forces.blocks import Blocks, Inertia, PointMass
+from exunet.forces.blocks import Blocks, Inertia
 from exunet.forces.linear_term import LinearTerm
 from exunet.forces.terms import Constraint, KernelTerm
 from exunet.net.arrays import Net
@@ -48,13 +48,13 @@ def moments(mass: Floats, place: Floats) -> Floats:
 
 
 def blocks() -> Blocks:
-    """Three nodes, two of them fixed, a point mass, two bodies, the states of an effect and of what holds."""
+    """Three nodes, two of them fixed, two bodies, the states of an effect and of what holds."""
     none = np.zeros(0)
     net = Net(np.eye(3), np.array([0.3, 0.4, 0.2]), np.zeros((0, 2), dtype=np.int64), none, none, none, none,
               none.astype(bool), np.zeros(0, dtype=np.int64), np.array([0, 2]))  # fmt: skip
     inertia = Inertia(np.array([m.sum() for m, _ in CLOUDS]), np.array([moments(*item) for item in CLOUDS]))
     given = *from_outside.states_of(PUSH), *from_outside.states_of(from_outside.FIXED_NODES)
-    return Blocks.of(net, np.eye(3), (PointMass("chaser", 2.0),), TWO, given, inertia)
+    return Blocks(net, np.eye(3), TWO, given, inertia=inertia)
 
 
 BLOCKS = blocks()

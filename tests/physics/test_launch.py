@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
-from scenes import BACKENDS, EFFECT_CASES, gradient
+from scenes import BACKENDS, EFFECT_CASES
 from scipy.spatial.transform import Rotation
 
 from exunet.bodies.rotations import rotation_matrix
@@ -18,7 +18,7 @@ from exunet.scene.casefile import load
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 
-GUN = {"kind": "spring", "force": 64.0, "stroke": 0.05, "spread_angle": 0.2, "chaser_mass": 5.0}
+GUN = {"kind": "spring", "force": 64.0, "stroke": 0.05, "spread_angle": 0.2, "body": "chaser"}
 GAS = GUN | {"kind": "gas", "dead_length": 0.1, "exponent": 1.4}
 
 
@@ -34,8 +34,8 @@ GAS = GUN | {"kind": "gas", "dead_length": 0.1, "exponent": 1.4}
     ],
 )
 def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any], backend: str) -> None:
-    engine = [f"engine.backend={backend}"]
-    case = load(EFFECT_CASES / "launch_force.toml", ["time.end=0.05", "solver.tolerance=1e-10", *engine])
+    changes = ["bodies.chaser.mass=5.0", "time.end=0.05", "solver.tolerance=1e-10"]
+    case = load(EFFECT_CASES / "launch_force.toml", [*changes, f"engine.backend={backend}"])
     launch = TypeAdapter(launch_force.AnyLaunchForce).validate_python(keys)
     effects = case.scene.effects.model_copy(update={"launch_force": launch})
     run = simulate(prepare(case.scene.model_copy(update={"effects": effects})))
@@ -70,20 +70,13 @@ def test_a_spread_launch_is_its_two_components() -> None:
 
 
 RANDOM = np.random.default_rng(20261121)
-BULLETS, CHASER = np.array([0, 3, 6]), 9
 AXES = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8], [0.48, 0.64, 0.6]])
-BEGIN, FORCE, STROKE, DEAD, EXPONENT = np.array([0.1, 0.2, -0.3]), 60.0, 0.4, 0.15, 1.4
 
 
 def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
     """There its force falls to zero, from F0 (V / (V + stroke))^gamma."""
     axes, bullets = np.array([[0.0, 0.0, 1.0]]), np.array([0])
     law = launch_force.LaunchLaw(60.0, 0.5, 0.5, 2.0)
-    gas = launch_force.BarrelsOnMass(bullets, 3, axes, np.array([0.25]), law)
-    for way, push in ((0.5, 0.0), (0.5 - 2.0**-40, 15.0)):
-        force = np.zeros(6)
-        launch_force.add_launch_of_mass(0.0, np.array([0, 0, way + 0.25, 0, 0, 0.0]), np.zeros(6), gas, force)
-        assert force[2] == pytest.approx(push, rel=1e-9)
     on_body = launch_force.Barrels(bullets, np.ones(1), axes, np.array([0.25]), 3, 6, 6, law)
     muzzles = launch_force.Muzzles(on_body)
     for way, push, left in ((0.5, 0.0, [0]), (0.5 - 2.0**-40, 15.0, [])):
@@ -93,39 +86,6 @@ def test_gas_does_not_push_at_the_end_of_the_stroke() -> None:
         assert muzzles.crossed(0.0, x, np.zeros(9), np.ones(1)).tolist() == left
         assert (launch_force.beyond_muzzle(0.0, x, np.zeros(9), on_body) >= 0.0) == bool(left)
         assert muzzles.crossed(0.0, x, np.zeros(9), np.zeros(1)).tolist() == []
-
-
-@pytest.mark.parametrize("kind", ["spring", "gas"])
-def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
-    """Bullets behind their start, in the barrel and out of it; the force is the slope of the potential."""
-    ways = np.array([[-0.02, 0.1, 0.39], [0.2, 0.41, 0.0], [0.5, 0.3, -0.1]]) + 1e-3
-    for way in ways:
-        x = RANDOM.normal(0.0, 0.1, (4, 3))
-        for b in range(3):
-            x[b] += (way[b] + BEGIN[b] - (x[b] - x[3]) @ AXES[b]) * AXES[b]
-        gas = (DEAD, EXPONENT) if kind == "gas" else ()
-        data = launch_force.BarrelsOnMass(
-            BULLETS, CHASER, AXES, BEGIN, launch_force.LaunchLaw(FORCE, STROKE, *gas)
-        )
-        add, potential = launch_force.add_launch_of_mass, launch_force.launch_of_mass_potential
-        if kind == "spring":
-            law = FORCE * (1.0 - way / STROKE)
-            left = FORCE * (STROKE - way) ** 2 / (2.0 * STROKE)
-        else:
-            law = FORCE * (DEAD / (DEAD + np.maximum(way, 0.0))) ** EXPONENT
-            grid = [np.linspace(s, STROKE, 20001) for s in way]
-            push = [FORCE * (DEAD / (DEAD + np.maximum(s, 0.0))) ** EXPONENT for s in grid]
-            left = np.array([np.trapezoid(p, s) for p, s in zip(push, grid, strict=True)])
-        law = np.where(way < STROKE, law, 0.0)
-        force = np.zeros(12)
-        add(0.0, x.ravel(), np.zeros(12), data, force)
-        found = force.reshape(4, 3)
-        np.testing.assert_allclose(found[:3], law[:, None] * AXES, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(found[3], -law @ AXES, rtol=1e-12)
-        slope = gradient(lambda y, p=potential, d=data: p(y, d), x.ravel())
-        np.testing.assert_allclose(slope, -force, rtol=1e-7, atol=1e-6)
-        stored = potential(x.ravel(), data)
-        assert stored == pytest.approx(float(np.where(way < STROKE, left, 0.0).sum()), rel=1e-7)
 
 
 @pytest.mark.parametrize(

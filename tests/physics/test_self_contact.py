@@ -57,9 +57,7 @@ def pair_of(*lines: Any, damping: float = 0.0, overlapping: bool = False) -> tup
     of = net(places, np.arange(2 * number).reshape(-1, 2))
     of = replace(of, mass=np.ones(2 * number), is_string=np.zeros(number, bool))
     far = 10.0 * (np.arange(2 * number)[:, None] // 2)  # so that nothing overlaps at the start
-    blocks = Blocks.of(
-        of, places + (0.0 if overlapping else far), (), states=SelfContact.first_order_states(None)
-    )  # type: ignore[arg-type]
+    blocks = Blocks(of, places + (0.0 if overlapping else far), states=SelfContact.first_order_states(None))  # type: ignore[arg-type]
     return threads_together(blocks, np.full(number, RADIUS), STIFFNESS, damping), blocks
 
 

@@ -183,7 +183,7 @@ def test_the_clock_of_samples() -> None:
               nothing.astype(bool), np.arange(4), none)  # fmt: skip
     keys = control(period=0.25, start=0.5, body="ball", kind="point", stiffness=2.0, damping=1.0)
     inertia = Inertia(np.ones(1), np.ones((1, 3)))
-    blocks = Blocks.of(net, np.zeros((4, 3)), (), ("ball",), corner_units.states_of(keys), inertia)
+    blocks = Blocks(net, np.zeros((4, 3)), ("ball",), corner_units.states_of(keys), inertia=inertia)
     assert [len(state.initial) for state in blocks.states] == [3, 1]
     assert [item.gives for item in blocks.states] == [0.0, 1.0]
     x, v = RANDOM.normal(size=blocks.n_x), RANDOM.normal(size=blocks.n_v)

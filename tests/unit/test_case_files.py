@@ -668,7 +668,7 @@ def test_the_template_with_a_capture_is_a_valid_case(tmp_path: Path) -> None:
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_the_template_with_an_effect_on_is_a_valid_case(effect: str, tmp_path: Path) -> None:
     needed = ["effects.orbit"] if effect == "j2" else []
-    needed += ["bodies.target"] if effect == "contact" else []
+    needed += {"contact": ["bodies.target"], "launch_force": ["bodies.chaser"]}.get(effect, [])
     changes = {"launch_force": ["launch"]}.get(effect, [])  # which it replaces
     changes += [] if EFFECTS[effect].NEEDS_BULLETS else ["launch", "net.bullets"]
     scene = switched(

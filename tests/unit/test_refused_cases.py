@@ -71,9 +71,8 @@ def test_a_long_step_and_a_stretched_start(overrides: tuple[str, ...], faults: l
 
 def test_errors_of_bodies_effects_start_and_steps_come_together() -> None:
     steps = ("solver.method=RK44", "solver.step=1.0")
-    body = "bodies.chaser={mass=1.0,inertia=[1.0,1.0,1.0]}"
-    found = keys_at_fault(CASES / "effects/launch_force.toml", body, *steps, "initial.packing=3.0")
-    assert found == {"bodies.chaser", "solver.step", "initial.packing"}
+    found = keys_at_fault(CASES / "effects/launch_force.toml", *steps, "initial.packing=3.0")
+    assert found == {"solver.step", "initial.packing"}
     thrust = "effects.thrust={bullets=[0],time=[0.0,1e60],force=[[1e200,0.0,0.0],[0.0,0.0,0.0]]}"
     found = keys_at_fault(PLANAR, thrust, *steps)
     assert found == {"effects.thrust.force[0][0]", "effects.thrust.time[1]", "solver.step"}
@@ -268,9 +267,7 @@ def test_a_body_or_tether_that_no_run_can_follow(override: str, keys: set[str]) 
     assert keys_at_fault(PLANAR if "odd" in override else TOW, override) == keys
 
 
-def test_a_point_mass_too_light_to_divide_by_is_refused() -> None:
-    light = "effects.launch_force.chaser_mass=1e-320"
-    assert keys_at_fault(CASES / "effects/launch_force.toml", light) == {"effects.launch_force.chaser_mass"}
+def test_a_start_beyond_the_cable_law_is_refused() -> None:
     far = [[-1.5, 0.0, 0.0], [1.5, 0.0, 0.0]]  # of an element of 1 m
     with pytest.raises(CaseError, match="starts at 3 times"):
         prepare(pair_of_masses(initial={"packing": 1.0, "node_positions": far}))

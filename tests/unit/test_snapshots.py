@@ -204,8 +204,8 @@ def at_odd_moments(backend: str) -> Iterator[tuple[str, Job]]:
     yield "retried from before a force", job("planar_deployment", backend, COARSE_CASE, forced, 21)
     many = to(*(1e-3 * np.arange(1, 41)))
     yield "not examined", job("planar_deployment", backend, SMALL, many, 20)
-    pushed = [*to(0.02), ("force", "chaser", [5.0, 0.0, 0.0]), *to(0.03), ("force", 0, [0.0, 2.0, 0.0])]
-    pushed += [*to(0.04, 0.05), ("force", "chaser", [0.0] * 3), *to(0.06)]
+    pushed = [*to(0.02), ("force", 3, [5.0, 0.0, 0.0]), *to(0.03), ("force", 0, [0.0, 2.0, 0.0])]
+    pushed += [*to(0.04, 0.05), ("force", 3, [0.0] * 3), *to(0.06)]
     for cut, words in ((2, "just set"), (5, "acts"), (7, "is over for one")):
         yield f"a force {words}", job(LAUNCH, backend, (), pushed, cut)
     hopeless = (*SMALL, "solver={method='RK44', step=4e-3, force=true, retry=1}")

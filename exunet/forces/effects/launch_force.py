@@ -5,15 +5,10 @@ since the start, until s reaches the stroke; gas that expands adiabatically with
 dead volume over the bore's area. The barrels do not hold the bullets sideways. The force is that of a
 potential U(s), F = -dU/ds.
 
-The chaser is a point mass at the origin or a rigid body. The barrels' axes a_b on a point mass stay as they
-are, s = (x_b - x_c) . a_b - s_0, and the chaser gets -F(s) a_b. Energy and linear momentum are kept. The
-forces on bullet and chaser do not lie on one line: their torque is for the attitude of a body, which a point
-mass does not have, so the angular momentum about the origin is not kept while the bullets are in the barrels.
-
-On a body, bullet b at x_b has gone the path s = a . R^T (x_b - x_c) - s_0 along its barrel: R turns the
-body's principal axes into the scene's, a is the barrel's axis in the former, x_c the centre of mass, and s_0
-makes s zero at the start. With r = x_b - x_c and n = R a, a virtual displacement that turns the body by
-dtheta changes n by dtheta x n, and so the path by
+The chaser is a rigid body. Bullet b at x_b has gone the path s = a . R^T (x_b - x_c) - s_0 along its barrel:
+R turns the body's principal axes into the scene's, a is the barrel's axis in the former, x_c the centre of
+mass, and s_0 makes s zero at the start. With r = x_b - x_c and n = R a, a virtual displacement that turns the
+body by dtheta changes n by dtheta x n, and so the path by
 
     ds = n . (dx_b - dx_c) + dtheta . (n x r).
 
@@ -45,7 +40,7 @@ from pydantic import Field
 from exunet.base.arrays import Floats, Ints
 from exunet.base.errors import Fault
 from exunet.base.record import Positive
-from exunet.forces.blocks import Blocks, PointMass
+from exunet.forces.blocks import Blocks
 from exunet.forces.effect import Effect, RestOfCase, existing_body
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index, in_body_axes, in_scene_axes
@@ -72,9 +67,7 @@ class LaunchForce(Effect):
 
     NEEDS_BULLETS: ClassVar = True
     REPLACES_LAUNCH: ClassVar = True
-    NOT_CARRIED: ClassVar = {"chaser_mass": "a chaser at the origin: give body instead"}
     INTERNAL: ClassVar = True
-    EXACTLY_ONE: ClassVar = ("chaser_mass", "body")
 
     force: Positive = Field(description="F0, force on each bullet at the start [N]", examples=[60.0])
     stroke: Positive = Field(description="path along the barrel over which it acts [m]", examples=[0.1])
@@ -84,16 +77,7 @@ class LaunchForce(Effect):
         description="between barrels and +z, the direction of the launch [rad]",
         examples=[0.6],
     )
-    chaser_mass: Positive | None = Field(
-        None,
-        description="mass of a chaser that is a point mass at the origin [kg]; not with [initial.frame]",
-        examples=[500.0],
-    )
-    body: str | None = Field(
-        None,
-        description="instead of chaser_mass: name of the rigid body that the barrels are fixed to",
-        examples=["chaser"],
-    )
+    body: str = Field(description="name of the rigid body that the barrels are fixed to", examples=["chaser"])
 
     @property
     def law(self) -> LaunchLaw:
@@ -105,20 +89,9 @@ class LaunchForce(Effect):
         """Work done on one bullet and the chaser over the whole stroke [J]."""
         return energy_of(0.0, self.law)
 
-    def point_masses(self) -> tuple[PointMass, ...]:
-        """Return the chaser, at the origin; none if it is a rigid body."""
-        return () if self.chaser_mass is None else (PointMass("chaser", self.chaser_mass),)
-
-    def is_internal(self) -> bool:
-        """Return True for barrels on a body; forces on bullets and a point mass are not on one line."""
-        return self.body is not None
-
     def terms(self, blocks: Blocks) -> tuple[KernelTerm, ...]:
         """Return one conservative term over the bullets and the chaser; the stroke counts from the start."""
-        axes = self.barrels(blocks.net)
-        if self.body is None:
-            return (launch_from_mass(blocks, "chaser", axes, self.law),)
-        return (launch_term(blocks, self.body, axes, self.law),)
+        return (launch_term(blocks, self.body, self.barrels(blocks.net), self.law),)
 
     def barrels(self, net: Net) -> np.ndarray:
         """Return (n_bullets, 3) unit vectors: spread_angle from +z towards the bullet's reference."""
@@ -132,7 +105,7 @@ class LaunchForce(Effect):
 
     @classmethod
     def nominal(cls, basis: EstimateBasis) -> tuple[LaunchForce, str] | None:
-        """Assume springs that give the bullets the speed they have, over 0.05 m, from a chaser of 500 kg."""
+        """Assume springs that give the bullets the speed they have, over 0.05 m."""
         bullets = basis.net.bullet_nodes
         if not len(bullets):
             return None
@@ -147,10 +120,10 @@ class LaunchForce(Effect):
                 "force": float(basis.net.mass[bullets[0]]) * speed**2 / stroke,
                 "stroke": stroke,
                 "spread_angle": math.acos(min(1.0, max(0.0, float(velocity[2]) / speed))),
-                "chaser_mass": 500.0,
+                "body": "chaser",
             }
         )
-        return keys, f"springs of 0.05 m that give {speed:.3g} m/s, a chaser of 500 kg"
+        return keys, f"springs of 0.05 m that give {speed:.3g} m/s"
 
     def magnitude(self, basis: EstimateBasis) -> Estimate:
         """Estimate the flight of bullets at the speed that the work gives; as fast already: the lag.
@@ -193,40 +166,6 @@ class GasLaunchForce(LaunchForce):
 
 
 AnyLaunchForce = Annotated[SpringLaunchForce | GasLaunchForce, Field(discriminator="kind")]
-
-
-def launch_from_mass(blocks: Blocks, chaser: str, axes: Floats, law: LaunchLaw) -> KernelTerm:
-    """Return the term that launches all bullets out of barrels on a point mass.
-
-    axes : (n, 3) unit vectors of the barrels
-    """
-    net, point = blocks.net, blocks.body[chaser]
-    nodes = (3 * net.bullet_nodes).astype(Index)
-    start = np.einsum("ba,ba->b", blocks.position[net.bullet_nodes] - blocks.position[point], axes)
-    return KernelTerm(
-        f"bullets and {chaser}",
-        add_launch_of_mass,
-        BarrelsOnMass(nodes, 3 * point, axes, start, law),
-        launch_of_mass_potential,
-        (travelled, apply_to_both, *_LAWS),
-        np.stack([net.bullet_nodes, np.full(len(nodes), point)], axis=1),
-    )
-
-
-class BarrelsOnMass(NamedTuple):
-    """Barrels on a point mass.
-
-    bullets : (n,) 3 x node of each bullet
-    chaser  : 3 x the chaser's point
-    axes    : (n, 3) unit vectors of the barrels
-    start   : (n,) where along its barrel each bullet starts, from the chaser's point [m]
-    """
-
-    bullets: NDArray[Index]
-    chaser: int
-    axes: Floats
-    start: Floats
-    law: LaunchLaw
 
 
 class Barrels(NamedTuple):
@@ -395,39 +334,4 @@ def launch_of_body_potential(x: Any, barrels: Any) -> float:
             s = way_in_barrel(x, b, barrels)
             if s < barrels.law.stroke:
                 total += energy_of(s, barrels.law)
-    return total
-
-
-def travelled(x: Any, b: int, barrels: Any) -> float:
-    """Way s [m] of bullet b along its barrel since the start."""
-    k, c = barrels.bullets[b], barrels.chaser
-    s = -barrels.start[b]
-    for axis in range(3):
-        s += (x[k + axis] - x[c + axis]) * barrels.axes[b, axis]
-    return s
-
-
-def apply_to_both(b: int, thrust: float, barrels: Any, force: Any) -> None:
-    """A force [N] on bullet b along its barrel, and its reaction on the chaser."""
-    k, c = barrels.bullets[b], barrels.chaser
-    for axis in range(3):
-        force[k + axis] += thrust * barrels.axes[b, axis]
-        force[c + axis] -= thrust * barrels.axes[b, axis]
-
-
-def add_launch_of_mass(t: float, x: Any, v: Any, barrels: Any, force: Any) -> None:
-    """F(s) along each barrel while s < stroke."""
-    for b in range(barrels.bullets.size):
-        s = travelled(x, b, barrels)
-        if s < barrels.law.stroke:
-            apply_to_both(b, force_of(s, barrels.law), barrels, force)
-
-
-def launch_of_mass_potential(x: Any, barrels: Any) -> float:
-    """U(s) of all bullets in their barrels."""
-    total = 0.0
-    for b in range(barrels.bullets.size):
-        s = travelled(x, b, barrels)
-        if s < barrels.law.stroke:
-            total += energy_of(s, barrels.law)
     return total

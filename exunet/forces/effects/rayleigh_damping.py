@@ -52,9 +52,7 @@ class RayleighDamping(Effect):
 
     def matrix(self, blocks: Blocks) -> scipy.sparse.csr_array:
         """Return D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
-        stiffness = reference_tangent_stiffness(
-            blocks.net, blocks.position, blocks.poses.net, blocks.n_points
-        )
+        stiffness = reference_tangent_stiffness(blocks.net, blocks.position, blocks.poses.net)
         damping = scipy.sparse.diags_array(np.repeat(self.alpha * blocks.own_mass, 3)) + self.beta * stiffness
         damping = scipy.sparse.csr_array(damping)
         damping.eliminate_zeros()

@@ -10,12 +10,12 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
-from exunet.base.record import NonNegative, Positive, Vector
+from exunet.base.record import NonNegative, Positive
 from exunet.forces.blocks import Blocks
 from exunet.forces.effect import Effect
-from exunet.forces.environment import bullet_disc, refuse_other_than_unit, tumbling_areas
+from exunet.forces.environment import UnitVector, bullet_disc, tumbling_areas
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.linear_term import LinearTerm
 
@@ -30,7 +30,7 @@ class SolarPressure(Effect):
     ON_THE_NET_ALONE: ClassVar = True
 
     flux: Positive = Field(description="energy flux of sunlight [W/m2], 1361 at the Earth", examples=[1361.0])
-    direction: Vector = Field(
+    direction: UnitVector = Field(
         description="unit vector of the light, away from the Sun, in the scene's axes",
         examples=[[1.0, 0.0, 0.0]],
     )
@@ -42,12 +42,6 @@ class SolarPressure(Effect):
         description="area of a bullet across the light [m2]; if and only if the net has bullets",
         examples=[4e-3],
     )
-
-    @field_validator("direction")
-    @classmethod
-    def _of_length_one(cls, vector: Vector) -> Vector:
-        refuse_other_than_unit(vector)
-        return vector
 
     def terms(self, blocks: Blocks) -> tuple[LinearTerm, ...]:
         """Return a constant load on each node."""

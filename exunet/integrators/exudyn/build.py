@@ -379,8 +379,7 @@ def _bodies(model: Model, system: System, state: State) -> None:
 
 
 def _points(model: Model, system: System, state: State) -> None:
-    reference = system.blocks.position.copy()  # of point masses: where they start
-    reference[: system.net.n_nodes] = system.net.reference_position
+    reference = system.net.reference_position
     for k in range(system.blocks.n_points):
         if system.free[k]:
             model.point(system.mass[k], reference[k], state.position[k], state.velocity[k])

@@ -19,7 +19,7 @@ from exunet.results.measures import energy_balance
 from exunet.results.metrics import DEPLOYMENT, Metric, metrics_of
 from exunet.results.observables import Observables
 from exunet.results.outcome import Outcome, outcome
-from exunet.results.result import BodyStates, Result
+from exunet.results.result import Result
 from exunet.scene.casefile import Case
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
@@ -151,18 +151,15 @@ def _measured(subject: Subject, result: Result) -> Run:
     energy = energy_balance(result)
     if not subject.times:
         return Run(cost.integration_seconds, work, energy, sample=sample_of(result))
-    masses = [body for body in result.bodies.values() if body.attitude is None]
-    rigid = [body for body in result.bodies.values() if body.attitude is not None]
 
-    def stacked(bodies: list[BodyStates], quantity: str, width: int = 3) -> Floats:
-        parts = [np.asarray(getattr(body, quantity)[:]) for body in bodies]
+    def stacked(quantity: str, width: int = 3) -> Floats:
+        parts = [np.asarray(getattr(body, quantity)[:]) for body in result.bodies.values()]
         return np.stack(parts, axis=1) if parts else np.zeros((len(result.time), 0, width))
 
-    of_masses = stacked(masses, "position"), stacked(masses, "velocity")
-    position, velocity, spin = (stacked(rigid, name) for name in ("position", "velocity", "angular_velocity"))
-    of_rigid = position, velocity, rotation_matrix(stacked(rigid, "attitude", 4)), spin
+    position, velocity, spin = (stacked(name) for name in ("position", "velocity", "angular_velocity"))
+    of_rigid = position, velocity, rotation_matrix(stacked("attitude", 4)), spin
     unit = subject.unit or subject.end
-    compared = tracked(subject.start.system, result.velocity[:], of_masses, of_rigid, unit)
+    compared = tracked(subject.start.system, result.velocity[:], of_rigid, unit)
     return Run(cost.integration_seconds, work, energy, compared)
 
 
@@ -176,31 +173,27 @@ def _by_reference(subject: Subject, setting: Setting, progress: Callable[..., No
     found = both.reference_trajectory(subject.times, method=setting.method, progress=progress, **how)
     seconds = clock.perf_counter() - began
     work = StepCounts(found.n_steps, found.n_rejected, found.n_newton, found.n_rhs)
-    start, (x, v) = both.start, both.points_of(found)
-    n, duration = start.net.n_nodes, subject.unit or subject.end
-    compared = tracked(start.system, v[:, :n], (x[:, n:], v[:, n:]), both.rigid_of(found), duration)
+    velocity, duration = both.from_reference(found.v), subject.unit or subject.end
+    compared = tracked(both.start.system, velocity, both.rigid_of(found), duration)
     return Run(seconds, work, tracked=compared)
 
 
-def tracked(
-    system: System, velocity: Floats, masses: Sequence[Floats], bodies: Sequence[Floats], duration: float
-) -> Floats:
+def tracked(system: System, velocity: Floats, bodies: Sequence[Floats], duration: float) -> Floats:
     """Return the numbers [m/s] by which trajectories are compared, (t, k), the speeds of the net first.
 
-    Of the net these are speeds of its bullets, or of all nodes. Of each point mass and rigid body they are
-    velocities and positions of its centre and, of a rigid body, of the ends of three arms along its axes, as
-    long as its radius of gyration: attitude and angular velocity count as what they move. Positions are
-    divided by the duration.
+    Of the net these are speeds of its bullets, or of all nodes. Of each rigid body they are
+    velocities and positions of its centre and of the ends of three arms along its axes, as long as its radius
+    of gyration: attitude and angular velocity count as what they move. Positions are divided by the duration.
 
     velocity : (t, n_nodes, 3) of the net [m/s]
-    masses   : positions and velocities (t, p, 3) of the point masses
     bodies   : positions and velocities (t, b, 3) of rigid bodies, attitudes (t, b, 3, 3), and angular
                velocities (t, b, 3) in body axes
     duration : of the run [s]
     """
     lengths = np.array([np.sqrt(max(body.inertia) / body.mass) for body in system.bodies])
-    position, speed = with_arms((masses[0], masses[1]), tuple(bodies), lengths)
     count = len(velocity)
+    none = np.zeros((count, 0, 3))
+    position, speed = with_arms((none, none), tuple(bodies), lengths)
     moving = speed.reshape(count, -1), position.reshape(count, -1) / duration
     return np.concatenate([tracked_speeds(system.net, velocity), *moving], axis=1)
 
