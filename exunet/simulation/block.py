@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -114,8 +115,7 @@ class Block:
     def finite(self) -> bool:
         """True if the last state is; the squares of the largest numbers may be said not to be."""
         x, v = self._x[self.rows - 1], self._v[self.rows - 1]
-        with np.errstate(over="ignore", invalid="ignore"):
-            return bool(np.isfinite(np.dot(x, x) + np.dot(v, v)))
+        return math.isfinite(np.vdot(x, x)) and math.isfinite(np.vdot(v, v))  # which do not warn
 
     def changed(self, change: Change) -> None:
         """Let an event change the only state."""

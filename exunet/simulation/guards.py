@@ -275,15 +275,35 @@ class GuardValues:
         return f"a node moves at {self.speed[k]:.3g} m/s (allowed {self.allowed_speed[k]:.3g} m/s)"
 
 
+class ForceSizes:
+    """Magnitudes of the forces of some terms, whose data are made anew for other discrete states."""
+
+    def __init__(self, system: System, terms: tuple[KernelTerm | LinearTerm, ...]) -> None:
+        self._kernel, self._number = term_kernel(terms), system.blocks.n_force
+        self._memory, self._table = system.memory, self._kernel.table(system.memory)
+
+    def of(self, states: States) -> Floats:
+        """Compute (k, n) forces on points [N], then forces on bodies, then torques [N m]."""
+        if states.memory is not self._memory:
+            self._memory, self._table = states.memory, self._kernel.table(states.memory)
+        force, rows = np.zeros((len(states), self._number)), self._table.rows
+        for k, time in enumerate(states.time.tolist()):
+            self._kernel.module.forces(time, states.x[k], states.v[k], rows, force[k])
+        return np.linalg.norm(force[:, : states.v.shape[1]].reshape(len(states), -1, 3), axis=2)
+
+
 class Guards:
-    """Bounds of a run, from its initial state."""
+    """Bounds of a run, from its initial state.
+
+    gained : (4,) energies [J] so far, see `GuardValues.gained`
+    """
 
     def __init__(self, system: System, start: State) -> None:
         now = States.of(system, start)
         self._scale = EnergyScale(now)
         mechanical, self._bodies = (float(part[0]) for part in _energies(now))
         self._start = mechanical + system.lost_at_start
-        self._gained, self._step, self._tolerance = np.zeros(4), 0.0, 0.0
+        self.gained, self._step, self._tolerance = np.zeros(4), 0.0, 0.0
         net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
         self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
@@ -295,25 +315,21 @@ class Guards:
         """Set the plan, and the polynomial of rotation of its method; empty without."""
         step, self._tolerance = plan.step, plan.tolerance or 0.0
         self._step = 0.0 if step is None or METHODS[plan.method].order > LOW_ORDER else step
+        forces, linear = self._system.forces, self._system.forces.linear
+        terms = forces.nonpotential if self._step or self._tolerance else ()
+        self._taking = ForceSizes(self._system, terms) if terms else None
+        outer = (() if linear is None else (linear,)) + tuple(k for k in forces.kernels if not k.internal)
+        self._pulling = ForceSizes(self._system, outer) if terms and self._tolerance else None
         rotates = step is not None and polynomial and self._system.moves_freely.any()
         self._turning = (
             RotationError(self._system, step, polynomial) if rotates and step is not None else None
         )
 
     @property
-    def gained(self) -> Floats:
-        """(4,) energies [J] so far, see `GuardValues.gained`."""
-        return self._gained
-
-    @gained.setter
-    def gained(self, values: Floats) -> None:
-        self._gained = np.array(values)
-
-    @property
     def scale(self) -> float:
         """Energy scale so far [J], of which errors are a part; 0 if most of it allows for errors."""
-        scale = float(self._scaled(self._gained))
-        errors = self._scale.errors + self._gained[2] + self._gained[3] / ENERGY_BOUND
+        scale = float(self._scaled(self.gained))
+        errors = self._scale.errors + self.gained[2] + self.gained[3] / ENERGY_BOUND
         return scale if errors < 0.5 * scale else 0.0
 
     def _scaled(self, gained: Floats) -> Floats:
@@ -335,20 +351,14 @@ class Guards:
         The bound is 3.4 times that, as u is the speed of the fastest node. Beside the tolerance, z is below
         the time between two states over T, and below 1. Cables and contact do not count.
         """
-        system, terms = self._system, self._system.forces.nonpotential
-        if not ((self._step or self._tolerance) and terms):
+        system = self._system
+        if self._taking is None:
             return np.zeros(len(rows))
         states = states[np.append(0, rows)]
-        x, v, time, shape = states.x, states.v, np.diff(states.time), (len(states), -1, 3)
-
-        def sizes(terms: tuple[KernelTerm | LinearTerm, ...]) -> Floats:
-            force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.memory)
-            return np.linalg.norm(force[:, : v.shape[1]].reshape(shape), axis=2)
-
-        size = sizes(terms)
-        if self._tolerance:
-            linear, kernels = system.forces.linear, (k for k in system.forces.kernels if not k.internal)
-            pull = size + sizes((*kernels,) if linear is None else (linear, *kernels))
+        v, time, shape = states.v, np.diff(states.time), (len(states), -1, 3)
+        size = self._taking.of(states)
+        if self._pulling is not None:
+            pull = size + self._pulling.of(states)
             impulse = 0.5 * time[:, None] * (pull[1:] + pull[:-1]) * (size.max(axis=0) > 0.0)
             mass, speed = np.zeros(size.shape[1]), np.linalg.norm(v.reshape(shape), axis=2)
             mass[: len(system.mass)] = system.mass
@@ -358,7 +368,7 @@ class Guards:
             z = np.fmin(longest, np.fmax(rate[1:], rate[:-1]) * time[:, None])
             return np.cumsum(OF_ADAPTIVE * fast * np.einsum("kn,kn->k", impulse, z**4))
         twice, change = size[1:] + size[:-1], np.linalg.norm(np.diff(v.reshape(shape), axis=0), axis=2)
-        every = (term.data for term in terms if isinstance(term, KernelTerm))
+        every = (term.data for term in system.forces.nonpotential if isinstance(term, KernelTerm))
         units: Any = (data for data in every if isinstance(data, Thrusters | CountedThrusters))
         for data in units:
             first = data.rate - system.blocks.n_v  # corner units, whose forces jump between these states
@@ -373,9 +383,9 @@ class Guards:
         """
         mechanical, of_bodies = _energies(states)
         balance = mechanical + dissipated - self._start
-        truncated = np.broadcast_to(self._gained[3] + truncated, len(states))
+        truncated = np.broadcast_to(self.gained[3] + truncated, len(states))
         gained = np.vstack([self._scale.gained(states, dissipated), truncated])
-        gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # ignores NaN
+        gained = np.fmax.accumulate(np.fmax(gained, self.gained[:, None]), axis=1)  # ignores NaN
         carrying = states.system.forces.cable.carrying(states.memory)
         # Broken elements may have any length.
         held = states.length if carrying is None else states.length * (carrying > 0.0)
@@ -408,7 +418,7 @@ class Guards:
 
     def accept(self, look: GuardValues, k: int) -> None:
         """Accept state k."""
-        self._gained = look.gained[:, k]
+        self.gained = look.gained[:, k]
 
 
 def _energies(states: States) -> tuple[Floats, Floats]:

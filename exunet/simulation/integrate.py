@@ -150,7 +150,6 @@ class Integration:
             self.observers.changed_at(stepper.time, self._memory, kept)
         if not self._block.finite:
             self._flush()
-        self.observers.arrived()
         check_interrupt()
 
     # Steps and events
@@ -225,7 +224,7 @@ class Integration:
                 before, target, taken = self._begin(), beyond, []
             while self.stepper.time < target:
                 part = self.stepper.step([target], 1)
-                taken.append(part._replace(states=part.states[np.arange(len(part.states))]))  # a copy
+                taken.append(part._replace(states=part.states.copy()))
 
     def _add(self, steps: Steps, until: float) -> None:
         """Add accepted steps to the block; a state at a stop is marked, and each where stops go together."""

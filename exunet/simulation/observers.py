@@ -91,10 +91,10 @@ class RunningExtremes(Observer):
 
     def observe(self, steps: Observed) -> None:
         states, tension = steps.states, steps.states.tension
-        for seen in steps.extremes:
-            if seen is not None:
-                self._take(seen.largest)
+        last = next((seen for seen in reversed(steps.extremes) if seen is not None), None)
         for k, group in enumerate(self._groups.values()):
+            if last is not None and last.largest[k].tension > self.largest[k].tension:
+                self.largest[k] = last.largest[k]
             own = tension[:, group.start : group.stop]
             largest = own.max(axis=1, initial=0.0)
             row = int(np.argmax(largest))
@@ -102,14 +102,10 @@ class RunningExtremes(Observer):
                 element = group.start + int(np.argmax(own[row]))
                 self.largest[k] = Largest(float(largest[row]), float(states.time[row]), element)
         if self._stores:
-            last = next((seen.of_elements for seen in reversed(steps.extremes) if seen is not None), 0.0)
-            self.elements = np.maximum(self.elements, np.maximum(tension.max(axis=0), last))
+            self.elements = np.maximum(self.elements, tension.max(axis=0))
+            if last is not None:
+                self.elements = np.maximum(self.elements, last.of_elements)
             self._observe_energies(steps)
-
-    def _take(self, largest: tuple[Largest, ...]) -> None:
-        for k, new in enumerate(largest):
-            if new.tension > self.largest[k].tension:
-                self.largest[k] = new
 
     def _observe_energies(self, steps: Observed) -> None:
         """Close the interval of each mark; both states at its ends belong to it."""
@@ -240,7 +236,7 @@ class Balance(Observer):
         return {"gained": self._guards.gained.copy(), "balance": np.array(own)}
 
     def load(self, arrays: Arrays) -> None:
-        self._guards.gained = arrays["gained"]
+        self._guards.gained = np.array(arrays["gained"])
         self.dissipated, self._base, drifted = map(float, arrays["balance"])
         self._drifted = bool(drifted)
 
@@ -275,13 +271,14 @@ class Balance(Observer):
         states, dissipated, marks = steps.states, steps.dissipated, np.array(steps.marks, dtype=np.int64)
         with np.errstate(all="ignore"):  # the guards check for overflow
             # The longest element is checked in every state: its peak may last for a single one.
-            too_long = (states.length > self._longest(states.memory)).any()
+            cable = self._system.forces.cable
+            longest, carrying = cable.law.longest, cable.carrying(states.memory)
+            longest = longest if carrying is None else np.where(carrying, longest, np.inf)
+            too_long = (states.length > longest).any()
             every = np.append(np.arange(self._every, len(states) - 1, self._every), len(states) - 1)
             rows = np.union1d(every, marks)
-            # Contiguous rows are not copied.
-            part = slice(rows[0], rows[-1] + 1) if rows[-1] - rows[0] == len(rows) - 1 else rows
             truncated = self._guards.truncated(states, every)[np.searchsorted(every, rows)]
-            values = self._guards.look(states[part], dissipated[part], truncated)
+            values = self._guards.look(states[rows], dissipated[rows], truncated)
             bad = len(states)
             if too_long or values.wrong.any():  # then all states are checked
                 rows = np.arange(len(states))
@@ -293,12 +290,6 @@ class Balance(Observer):
                 self._guards.accept(values, accepted - 1)
             safe = self._safe(values, rows, marks[marks < bad])
         return Judged(bad, safe, self._stop(states, values, bad) if bad < len(states) else None)
-
-    def _longest(self, memory: Memories) -> Floats:
-        """(n_elements,) largest valid lengths [m]; infinite of broken elements."""
-        cable = self._system.forces.cable
-        carrying = cable.carrying(memory)
-        return cable.law.longest if carrying is None else np.where(carrying, cable.law.longest, np.inf)
 
     def _safe(self, values: GuardValues, rows: NDArray[np.int64], marks: NDArray[np.int64]) -> list[int]:
         """Return the marks until the energy balance drifts, for good."""
@@ -343,9 +334,6 @@ class Record(Observer):
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
         """Record that the run goes on from an earlier state with a finer plan."""
-
-    def flush(self, *, all_of_them: bool = True) -> None:
-        """Append the states that wait."""
 
 
 class Saved(NamedTuple):
@@ -473,11 +461,6 @@ class Observers:
         """Record the items of an engine and the time of their construction [s]."""
         if self.record is not None:
             self.record.built(items, seconds)
-
-    def arrived(self) -> None:
-        """Record the states that wait, if they are many."""
-        if self.record is not None:
-            self.record.flush(all_of_them=False)
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
         """Record a retry."""

@@ -161,9 +161,8 @@ class Recorder(Record):
         self.extremes = RunningExtremes(start.system, stores=stores_energies)
         self.balance, self.log = Balance(start.system, start.state, every=every), EventLog(start.system)
         self._series = series_of(start.system)
-        self.rows: RowStore = (
-            MemoryStore(columns_of(start.system, stores_energies=stores_energies)) if store is None else store
-        )
+        columns = columns_of(start.system, stores_energies=stores_energies)
+        self.rows: RowStore = MemoryStore(columns, len(self.times)) if store is None else store
         row_bytes = sum(column.row_bytes for column in self.rows.columns)
         self._batch = max(1, min(_BATCH, _BATCH_BYTES // max(1, row_bytes)))
         self.record = replace(initial_record(start), case=case or CaseText())
@@ -188,6 +187,8 @@ class Recorder(Record):
     def observe(self, steps: Observed) -> None:
         """Store the marked states."""
         if steps.marks:
+            if self._n_waiting >= self._batch:
+                self.flush()
             rows = np.array(steps.marks)
             states, dissipated = steps.states[rows], steps.dissipated[rows]
             self._waiting.append(_Waiting(states, dissipated, self.extremes.intervals, steps.memories))
@@ -220,12 +221,13 @@ class Recorder(Record):
         stored = (self.rows.read(f"energy/{name}", number - 1, number) for name in _LAST)
         self._last = np.stack(list(stored), axis=-1) if number else np.zeros((0, 2))
 
-    def flush(self, *, all_of_them: bool = True) -> None:
+    def flush(self) -> None:
         """Append the states that wait as one batch."""
-        if not self._waiting or (not all_of_them and self._n_waiting < self._batch):
-            return
         parts = [self._rows(waiting) for waiting in self._waiting]
-        self.rows.append({path: np.concatenate([part[path] for part in parts]) for path in parts[0]})
+        if len(parts) > 1:
+            parts = [{path: np.concatenate([part[path] for part in parts]) for path in parts[0]}]
+        for rows in parts:
+            self.rows.append(rows)
         self._waiting.clear()
 
     def _rows(self, waiting: _Waiting) -> dict[str, Floats]:

@@ -325,9 +325,7 @@ def no_extremes(system: System) -> ObservedSteps:
 
 def largest_tensions_of(records: NDArray[np.void]) -> tuple[Largest, ...]:
     """The records `LARGEST` (n,), for observers."""
-    return tuple(
-        Largest(float(record["tension"]), float(record["time"]), int(record["element"])) for record in records
-    )
+    return tuple(map(Largest._make, records.tolist()))
 
 
 def no_samples() -> Samples:
