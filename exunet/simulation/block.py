@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.base.arrays import Floats
 from exunet.forces.terms import Change, Memories
-from exunet.integrators.protocol import Arrays, Extremes, Largest
+from exunet.integrators.protocol import Arrays, Extremes
 from exunet.model.states import States
 from exunet.model.system import System
 
@@ -87,8 +86,9 @@ class Block:
         """Take extremes of steps that are not among the states."""
         before = self._since
         if extremes is not None and before is not None:
-            elastic, kinetic = max(before.elastic, extremes.elastic), min(before.kinetic, extremes.kinetic)
-            extremes = extremes._replace(elastic=elastic, kinetic=kinetic)
+            (elastic, kinetic), (largest, least) = before.energies.tolist(), extremes.energies.tolist()
+            energies = np.array([max(elastic, largest), min(kinetic, least)])
+            extremes = extremes._replace(energies=energies)
         self._since = extremes or before
 
     def mark(self, memory: Memories, first: int | None = None) -> None:
@@ -160,7 +160,9 @@ class Block:
         for name in self._memories[0] if self._memories else {}:
             found[f"memory/{name}"] = np.array([memory[name] for memory in self._memories])
         for what, seen in (("marks", self._extremes), ("since", [self._since])):
-            found |= {f"{what}/{name}": values for name, values in _packed(seen).items()}
+            known = [extremes for extremes in seen if extremes is not None]
+            for name in Extremes._fields:
+                found[f"{what}/{name}"] = np.array([getattr(extremes, name) for extremes in known])
         return found
 
     def load(self, arrays: Arrays) -> None:
@@ -171,29 +173,11 @@ class Block:
         self._marks, self._sums = arrays["marks"].tolist(), bool(arrays["sums"][0])
         names = [name for name in arrays if name.startswith("memory/")]
         self._memories = [{name[7:]: arrays[name][k] for name in names} for k in range(len(self._marks))]
-        self._extremes = _unpacked("marks/", arrays, len(self._marks))
-        (self._since,) = _unpacked("since/", arrays, 1)
+        self._extremes = _unpacked("marks", arrays) or [None] * len(self._marks)
+        (self._since,) = _unpacked("since", arrays) or [None]
 
 
-def _packed(extremes: Sequence[Extremes | None]) -> dict[str, NDArray[Any]]:
-    known = [seen for seen in extremes if seen is not None]
-    return {
-        "energies": np.array([(seen.elastic, seen.kinetic) for seen in known]).reshape(-1, 2),
-        "largest": np.array([seen.largest for seen in known], dtype=float),
-        "elements": np.array([seen.of_elements for seen in known]),
-    }
-
-
-def _unpacked(group: str, arrays: Arrays, number: int) -> list[Extremes | None]:
-    energies, largest, elements = (arrays[group + name] for name in ("energies", "largest", "elements"))
-    if not len(energies):
-        return [None] * number
-    return [
-        Extremes(
-            float(energies[k, 0]),
-            float(energies[k, 1]),
-            tuple(Largest(a, b, int(c)) for a, b, c in largest[k].tolist()),
-            elements[k],
-        )
-        for k in range(number)
-    ]
+def _unpacked(group: str, arrays: Arrays) -> list[Extremes | None]:
+    """Return the extremes that `Block.save` packed: of every mark, or none."""
+    parts = (np.array(arrays[f"{group}/{name}"]) for name in Extremes._fields)
+    return [Extremes(*rows) for rows in zip(*parts, strict=True)]

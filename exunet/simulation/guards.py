@@ -16,7 +16,7 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.corner_units import CountedThrusters, Thrusters
 from exunet.forces.law import STRETCH_BOUND
 from exunet.forces.linear_term import LinearTerm
-from exunet.forces.terms import KernelTerm
+from exunet.forces.terms import KernelTerm, Memories
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import METHODS, Kind, Plan
 from exunet.model import energy
@@ -278,9 +278,10 @@ class GuardValues:
 class ForceSizes:
     """Magnitudes of the forces of some terms, whose data are made anew for other discrete states."""
 
-    def __init__(self, system: System, terms: tuple[KernelTerm | LinearTerm, ...]) -> None:
-        self._kernel, self._number = term_kernel(terms), system.blocks.n_force
-        self._memory, self._table = system.memory, self._kernel.table(system.memory)
+    def __init__(self, system: System, terms: tuple[KernelTerm | LinearTerm, ...], memory: Memories) -> None:
+        kernel, self._number = term_kernel(terms), system.blocks.n_force
+        self._kernel, self._forces = kernel, kernel.module.forces
+        self._memory, self._table = memory, kernel.table(memory)
 
     def of(self, states: States) -> Floats:
         """Compute (k, n) forces on points [N], then forces on bodies, then torques [N m]."""
@@ -288,7 +289,7 @@ class ForceSizes:
             self._memory, self._table = states.memory, self._kernel.table(states.memory)
         force, rows = np.zeros((len(states), self._number)), self._table.rows
         for k, time in enumerate(states.time.tolist()):
-            self._kernel.module.forces(time, states.x[k], states.v[k], rows, force[k])
+            self._forces(time, states.x[k], states.v[k], rows, force[k])
         return np.linalg.norm(force[:, : states.v.shape[1]].reshape(len(states), -1, 3), axis=2)
 
 
@@ -308,7 +309,7 @@ class Guards:
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
         self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
         self._mass = float(system.blocks.mass.sum())
-        self._system, self._began = system, start.time
+        self._system, self._began, self._memory = system, start.time, start.memory
         self._turning: RotationError | None = None
 
     def explain(self, plan: Plan, polynomial: tuple[float, ...]) -> None:
@@ -317,9 +318,9 @@ class Guards:
         self._step = 0.0 if step is None or METHODS[plan.method].order > LOW_ORDER else step
         forces, linear = self._system.forces, self._system.forces.linear
         terms = forces.nonpotential if self._step or self._tolerance else ()
-        self._taking = ForceSizes(self._system, terms) if terms else None
+        self._taking = ForceSizes(self._system, terms, self._memory) if terms else None
         outer = (() if linear is None else (linear,)) + tuple(k for k in forces.kernels if not k.internal)
-        self._pulling = ForceSizes(self._system, outer) if terms and self._tolerance else None
+        self._pulling = ForceSizes(self._system, outer, self._memory) if terms and self._tolerance else None
         rotates = step is not None and polynomial and self._system.moves_freely.any()
         self._turning = (
             RotationError(self._system, step, polynomial) if rotates and step is not None else None

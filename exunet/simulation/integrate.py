@@ -70,7 +70,7 @@ class Integration:
             self.stepper = self._make(state, self.plan)
         except IntegrationFailed as failure:
             raise RunStopped(f"not started: {failure}") from failure
-        self._memory: Memories = dict(state.memory)  # of states; without what steps have changed since
+        self._memory = state.memory  # of states; without what steps have changed since
         self.events = Events(self.system, self.stepper)
         self._block = Block(self.system, state.time, *self.stepper.flat(), 16 + self._together)
         self._before: _Begin | None = None

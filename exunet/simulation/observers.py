@@ -16,7 +16,7 @@ from exunet.base.files import group_of, grouped
 from exunet.base.run_events import RunEvent, ScriptEvent, tagged, untagged
 from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, Memories
-from exunet.integrators.protocol import Arrays, IntegrationFailed, Largest
+from exunet.integrators.protocol import Arrays, IntegrationFailed
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import Plan, turning_polynomial
 from exunet.model.states import States
@@ -77,6 +77,7 @@ class RunningExtremes(Observer):
     A snap may be shorter than the time between two stored states, which then do not show it.
 
     stores    : energies and tensions of each element are wanted
+    largest   : (n_groups, 3) see `Extremes`
     intervals : (m, 2) largest elastic and least kinetic energy [J] of the intervals that end at the marks of
                 the states seen last
     elements  : (n_elements,) largest tensions [N]
@@ -84,7 +85,7 @@ class RunningExtremes(Observer):
 
     def __init__(self, system: System, *, stores: bool = False) -> None:
         self._groups, self._stores = dict(system.net.spans), stores
-        self.largest = [Largest(0.0, 0.0, -1) for _ in self._groups]
+        self.largest = np.tile([0.0, 0.0, -1.0], (len(self._groups), 1))
         self.elements = np.zeros(system.net.n_elements if stores else 0)
         self._energies = np.array([0.0, np.inf])
         self.intervals = np.zeros((0, 2))
@@ -93,14 +94,13 @@ class RunningExtremes(Observer):
         states, tension = steps.states, steps.states.tension
         last = next((seen for seen in reversed(steps.extremes) if seen is not None), None)
         for k, group in enumerate(self._groups.values()):
-            if last is not None and last.largest[k].tension > self.largest[k].tension:
+            if last is not None and last.largest[k, 0] > self.largest[k, 0]:
                 self.largest[k] = last.largest[k]
             own = tension[:, group.start : group.stop]
             largest = own.max(axis=1, initial=0.0)
             row = int(np.argmax(largest))
-            if largest[row] > self.largest[k].tension:
-                element = group.start + int(np.argmax(own[row]))
-                self.largest[k] = Largest(float(largest[row]), float(states.time[row]), element)
+            if largest[row] > self.largest[k, 0]:
+                self.largest[k] = largest[row], states.time[row], group.start + np.argmax(own[row])
         if self._stores:
             self.elements = np.maximum(self.elements, tension.max(axis=0))
             if last is not None:
@@ -117,24 +117,25 @@ class RunningExtremes(Observer):
         found[0] = max(largest[0], self._energies[0]), min(least[0], self._energies[1])
         for row, seen in zip(found, steps.extremes, strict=False):
             if seen is not None:
-                row[:] = max(row[0], seen.elastic), min(row[1], seen.kinetic)
+                row[:] = max(row[0], seen.energies[0]), min(row[1], seen.energies[1])
         self.intervals, self._energies = found[:-1], found[-1]
 
     def save(self) -> dict[str, NDArray[Any]]:
         return {
-            "largest": np.array(self.largest, dtype=float).reshape(-1, 3),
+            "largest": self.largest.copy(),
             "elements": self.elements.copy(),
             "energies": self._energies.copy(),
         }
 
     def load(self, arrays: Arrays) -> None:
-        self.largest = [Largest(a, b, int(element)) for a, b, element in arrays["largest"].tolist()]
-        if self._stores:
-            self.elements, self._energies = np.array(arrays["elements"]), np.array(arrays["energies"])
+        self.largest, self.elements, self._energies = (
+            np.array(arrays[name]) for name in ("largest", "elements", "energies")
+        )
 
     def of_groups(self) -> dict[str, Peak]:
         """Return the largest tension of each group, by name."""
-        return {name: Peak(*peak) for name, peak in zip(self._groups, self.largest, strict=True)}
+        largest = zip(self._groups, self.largest.tolist(), strict=True)
+        return {name: Peak(tension, time, int(element)) for name, (tension, time, element) in largest}
 
 
 class EventLog(Observer):
@@ -251,15 +252,12 @@ class Balance(Observer):
 
     def why_wrong(self, memory: Memories) -> str:
         """Return why a run must stop with discrete states that steps have changed; "": it need not."""
-        return next((words for name in memory if (words := self._wrong_of(name, memory))), "")
-
-    def _wrong_of(self, name: str, memory: Memories) -> str:
-        check = self._wrong.get(name)
-        return "" if check is None else check(memory[name])
+        checks = ((self._wrong[name], memory[name]) for name in memory if name in self._wrong)
+        return next((words for check, values in checks if (words := check(values))), "")
 
     def judge(self, steps: Observed) -> Judged:
         """Check states by the guards."""
-        for k, memory in enumerate(steps.memories):
+        for k, memory in enumerate(steps.memories if self._wrong else ()):
             if words := self.why_wrong(memory):  # states until the mark before are valid
                 before = steps.marks[k - 1] if k else 0
                 found = self._judge(steps.between(0, before)) if before else Judged(1, [])

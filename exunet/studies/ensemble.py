@@ -23,7 +23,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import product, quaternion_of
 from exunet.forces import cable
 from exunet.forces.law import STRETCH_BOUND
-from exunet.integrators.compiled.loop import OUTPUT_EVERY, CompiledStepper, loop_kernel
+from exunet.integrators.compiled.loop import NO_ENERGIES, OUTPUT_EVERY, CompiledStepper, loop_kernel
 from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
 from exunet.integrators.protocol import Extremes, StepCounts
 from exunet.kernels.compile import WIDTH, numba_installed
@@ -212,7 +212,7 @@ def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event)
             if (recorder := recorders[run]) is None:
                 continue
             count = len(states) - 1
-            extremes = Extremes(0.0, math.inf, loop.largest_tensions(run), np.zeros(0))
+            extremes = Extremes(NO_ENERGIES, loop.largest_tensions(run), np.zeros(0))
             steps = Observed(
                 states,
                 list(range(1, count + 1)),

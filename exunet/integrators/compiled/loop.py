@@ -45,6 +45,7 @@ from exunet.model.states import States
 from exunet.model.system import State, System
 
 _NO_STRESS = np.zeros(0)
+NO_ENERGIES = np.array([0.0, np.inf])  # of `Extremes`
 OUTPUT_EVERY = 64  # one state in so many steps is returned
 
 
@@ -74,9 +75,9 @@ class StepExtremes:
     @property
     def extremes(self) -> Extremes:
         """Energies of the steps since `begin`, tensions of all steps."""
-        elastic, kinetic = float(self._peaks["elastic"][0]), float(self._peaks["kinetic"][0])
+        energies = np.array([self._peaks["elastic"][0] + self._asleep, self._peaks["kinetic"][0]])
         each = self._seen.of_elements.copy() if self._elements else _NO_STRESS
-        return Extremes(elastic + self._asleep, kinetic, largest_tensions_of(self._seen.largest), each)
+        return Extremes(energies, largest_tensions_of(self._seen.largest), each)
 
     def remember(self, memory: Arrays, x: Floats) -> None:
         """Take all memories into account, in a state x (n_x,)."""
@@ -248,7 +249,7 @@ class CompiledStepper:
         looks.at[:] = 0, 0 if most is None or until_true is None else min(most, len(looks.time))
         if self._extremes is None:
             kept, rows = self._through(np.array([self.time, *times]))
-            extremes = Extremes(0.0, math.inf, largest_tensions_of(self._seen.largest), _NO_STRESS)
+            extremes = Extremes(NO_ENERGIES, largest_tensions_of(self._seen.largest), _NO_STRESS)
         else:
             every = 1 if most == 1 else self._every or OUTPUT_EVERY
             limit = 1 if most == 1 and until_true is None else _ATTEMPTS
