@@ -44,7 +44,7 @@ class Events:
                 watch = cast("Watch", switch)
                 self._watch = term.memory.name, watch
                 self._sees[term.memory.name], self._reported = watch.sees, watch.reports
-        self.any = bool(self._switches)
+        self.any, self._knots = bool(self._switches), system.kinematics.knots
 
     @property
     def memory(self) -> dict[str, Floats]:
@@ -70,7 +70,7 @@ class Events:
 
     def is_due(self, time: float) -> bool:
         """True at the start of a run in which something is planned for then."""
-        return self.any and min(self._planned, default=np.inf) <= time
+        return min(self._planned, default=np.inf) <= time
 
     @property
     def _planned(self) -> Iterator[float]:
@@ -149,7 +149,7 @@ class Events:
 
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or of a knot of a guide, or `until` [s]."""
-        every: Iterable[float] = self._system.kinematics.knots
+        every: Iterable[float] = self._knots
         if self.any:
             times = (time for _, switch in self._switches for time in switch.times)
             every = chain(times, self._planned, every)

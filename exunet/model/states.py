@@ -60,7 +60,7 @@ class States:
         part = States(self.system, self.time[rows], self.x[rows], self.v[rows], self.memory, taken)
         for name, value in vars(self).items():
             if name in _SERIES:
-                vars(part)[name] = value if name == "law" else value[rows]
+                vars(part)[name] = value if name in _OF_ALL else value[rows]
         return part
 
     def copy(self) -> States:
@@ -110,6 +110,13 @@ class States:
     def law(self) -> Law:
         """Cable law of the intact elements."""
         return energy.law_of(self.system.forces, self.memory)
+
+    @cached_property
+    def longest(self) -> Floats:
+        """(n_elements,) largest lengths [m] for which the laws are meant; infinite of broken elements."""
+        cable = self.system.forces.cable
+        carrying = cable.carrying(self.memory)
+        return cable.law.longest if carrying is None else np.where(carrying, cable.law.longest, np.inf)
 
     @cached_property
     def length(self) -> Floats:
@@ -197,6 +204,7 @@ class States:
         return self.system.given_work(self.first_order)
 
 
+_OF_ALL = "law", "longest"
 _VIEWS = "moving", "position", "velocity", "elsewhere"
 _SERIES = tuple(
     name for name, value in vars(States).items() if isinstance(value, cached_property) and name not in _VIEWS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -30,11 +30,11 @@ class Stops:
             (self._times[first : first + number], self._forces[first]) if first < len(self._times) else None
         )
 
-    def add(self, time: float, force: Floats) -> None:
-        """Add a later time; equal vectors are stored once, without a copy."""
+    def add(self, times: Sequence[float], force: Floats) -> None:
+        """Add later times; equal vectors are stored once, without a copy."""
         last = self._forces[-1] if self._forces else force
-        self._times.append(time)
-        self._forces.append(last if force is last or np.array_equal(force, last) else force)
+        self._times += times
+        self._forces += [last if force is last or np.array_equal(force, last) else force] * len(times)
 
     def after(self, time: float) -> int:
         """Return the number of the first stop after a time [s]."""

@@ -93,10 +93,11 @@ class EnergyScale:
 
     def __init__(self, start: States) -> None:
         system = start.system
-        self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
-        outer = tuple(term for term in system.forces.kernels if not term.internal)
-        self._outer = replace(system.forces, kernels=outer)
-        self._given = any(state.gives for state in system.blocks.states)
+        forces, self._layout, self._driven = system.forces, system.layout, system.driven
+        self._outer = replace(forces, kernels=tuple(term for term in forces.kernels if not term.internal))
+        self._gathers = self._outer.has_potential
+        given = any(state.gives for state in system.blocks.states)
+        self._gains = forces.has_potential or forces.dissipates or given
         self._free, self._before = free_parts(system), system.lost_at_start
         self._system = system
         self._rest = start.x[0]
@@ -115,7 +116,7 @@ class EnergyScale:
             velocity = np.concatenate([velocity, states.bodies.velocity[:, self._driven]], axis=1)
         speeds = self._free.mean @ velocity
         kinetic = 0.5 * np.einsum("kpa,kpa,p->k", speeds, speeds, self._free.mass)
-        if not self._outer.has_potential:
+        if not self._gathers:
             return kinetic, np.zeros(len(position))
         flat = np.repeat(self._rest[None], len(position), axis=0)
         gathered = self._layout.unpack(flat, np.empty((len(position), self._layout.blocks.n_v)))
@@ -134,7 +135,7 @@ class EnergyScale:
 
         dissipated : (k,) energy dissipated until these states [J], an ejection at time 0 included
         """
-        if not (self._forces.has_potential or self._forces.dissipates or self._given):
+        if not self._gains:
             return np.zeros((3, len(states)))
         dissipated = dissipated - self._before
         kinetic, common = self._of_centres(states)
@@ -142,7 +143,7 @@ class EnergyScale:
         change = states.potential - self._potential
         done = -dissipated - (kinetic - self._common[0]) - common_change
         errors = TRANSLATION_PART * np.abs(common_change) + WORK_PART * np.abs(dissipated)
-        reels, first = self._forces.cable.reels, states.x[0]
+        reels, first = self._system.forces.cable.reels, states.x[0]
         drawn = max((reel.drawn(states.memory, first) for reel in reels), default=0.0)
         met = np.maximum(drawn, self._at_speed_of_bodies(states))
         own = np.maximum(np.maximum(np.abs(change - common_change), done), met) + errors
@@ -155,12 +156,12 @@ class EnergyScale:
         """
         system, bodies = self._system, states.bodies
         blocks, found = system.blocks, np.zeros(len(states))
-        i, j = system.net.element_nodes.T
-        tied = system.kinematics.on_bodies(states.memory)
         for body in np.flatnonzero(~system.moves_freely).tolist():
             speed, spin = bodies.velocity[:, body], bodies.angular_velocity[:, body]
             if not (speed.any() or spin.any()):
                 continue
+            i, j = system.net.element_nodes.T
+            tied = system.kinematics.on_bodies(states.memory)
             turn = rotation_matrix(bodies.attitude[:, body])
             arm = (states.position - bodies.position[:, body, None]) @ turn
             near = np.zeros(arm.shape[:2], dtype=bool)
@@ -201,7 +202,8 @@ class GuardValues:
     balance, allowed : (k,) change of the energy balance since the start, and its bound [J]
     stretch          : (k,) largest stretch of an element, over the limit of its law, times STRETCH_BOUND
     speed, allowed_speed : (k,) largest speed of a node, and its bound [m/s]
-    of_bodies, allowed_of_bodies : (k,) balance and bound of the rigid bodies without a force term [J]
+    of_bodies        : (k,) balance of the rigid bodies without a force term [J]
+    allowed_of_bodies : bound of it [J]
     turned, angle, body : (k,) largest bound of the relative energy error of a free body in fixed steps (see
                `exunet.model.limits`), rotation of that body in a step [rad], its name
     round_off        : (k,) error of the balance by round-off [J]
@@ -218,15 +220,10 @@ class GuardValues:
     round_off: Floats
     gained: Floats
     of_bodies: Floats
-    allowed_of_bodies: Floats
+    allowed_of_bodies: float
     turned: Floats
     angle: Floats
     body: NDArray[np.str_]
-
-    def __getitem__(self, rows: slice) -> GuardValues:
-        """Select states."""
-        parts = {name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__}
-        return GuardValues(**parts)
 
     @property
     def wrong(self) -> NDArray[np.bool_]:
@@ -262,11 +259,9 @@ class GuardValues:
             change = "increased" if self.balance[k] > 0 else "decreased"
             words = f"the energy balance {change} by {abs(self.balance[k]):.3g} J"
             return f"{words} (allowed {self.allowed[k]:.3g} J)"
-        if not abs(self.of_bodies[k]) <= self.allowed_of_bodies[k]:
-            limit = self.allowed_of_bodies[k]
-            return (
-                f"the energy of the rigid bodies changed by {self.of_bodies[k]:.3g} J (allowed {limit:.3g} J)"
-            )
+        if not abs(self.of_bodies[k]) <= self.allowed_of_bodies:
+            words = f"the energy of the rigid bodies changed by {self.of_bodies[k]:.3g} J"
+            return f"{words} (allowed {self.allowed_of_bodies:.3g} J)"
         if self.turns_too_fast(k):
             return (
                 f"{self.body[k]} rotates by {self.angle[k]:.3g} rad a step, which may have changed its "
@@ -387,22 +382,19 @@ class Guards:
         truncated = np.broadcast_to(self.gained[3] + truncated, len(states))
         gained = np.vstack([self._scale.gained(states, dissipated), truncated])
         gained = np.fmax.accumulate(np.fmax(gained, self.gained[:, None]), axis=1)  # ignores NaN
-        carrying = states.system.forces.cable.carrying(states.memory)
-        # Broken elements may have any length.
-        held = states.length if carrying is None else states.length * (carrying > 0.0)
         given = np.sqrt(2.0 * gained[1] / self._mass)
         round_off = ROUND_OFF * (np.abs(states.kinetic) + np.abs(states.potential))
         return GuardValues(
             finite=np.isfinite(balance) & states.finite,
             balance=balance,
-            allowed=allowed(self._scaled(gained)) + round_off,
-            stretch=STRETCH_BOUND * (held / states.law.longest).max(axis=1, initial=0.0),
+            allowed=ENERGY_BOUND * self._scaled(gained) + LEAST_ENERGY + round_off,
+            stretch=STRETCH_BOUND * (states.length / states.longest).max(axis=1, initial=0.0),
             speed=np.sqrt(states.squared_speed.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
             round_off=round_off,
             gained=gained,
             of_bodies=of_bodies - self._bodies,
-            allowed_of_bodies=np.full(len(states), allowed(np.asarray(self._bodies))),
+            allowed_of_bodies=ENERGY_BOUND * self._bodies + LEAST_ENERGY,
             **self._turned(states),
         )
 
@@ -426,11 +418,6 @@ def _energies(states: States) -> tuple[Floats, Floats]:
     """Return the energy of everything with forces, and of the rigid bodies without, (k,) [J]."""
     alone = states.kinetic_of_bodies @ ~states.system.driven  # without prescribed bodies
     return states.kinetic - alone + states.elastic + states.potential, alone
-
-
-def allowed(scale: Floats) -> Floats:
-    """Return the bound of the energy balance [J] for an energy scale [J]."""
-    return ENERGY_BOUND * scale + LEAST_ENERGY
 
 
 def state_of_worst(system: System, state: State) -> str:
@@ -462,9 +449,8 @@ def _most_stretched(system: System, state: State) -> str:
 def beyond_table(states: States, row: int) -> str:
     """Return element, strain and remedy where a strain of a state exceeds its table most; "" if none does."""
     net, law = states.system.net, states.law
-    bound = law.longest / law.natural_length
-    carrying = states.system.forces.cable.carrying(states.memory)
-    ends = (bound < STRETCH_BOUND) if carrying is None else (bound < STRETCH_BOUND) & (carrying > 0.0)
+    bound = states.longest / law.natural_length
+    ends = bound < STRETCH_BOUND
     stretch = states.length[row] / law.natural_length
     if law.number is None or not (stretch[ends] > bound[ends]).any():
         return ""

@@ -97,8 +97,7 @@ class Integration:
         Raises RunStopped if the run fails and no retry is left, Interrupted on Ctrl-C.
         """
         stops, last = self._stops, times[-1] if times else self.stepper.time
-        for time in times:
-            stops.add(time, self.acting)
+        stops.add(times, self.acting)
         try:
             while True:
                 began = clock.perf_counter()
@@ -137,14 +136,14 @@ class Integration:
     def _advance(self, times: list[float], check_interrupt: Checkpoint) -> None:
         """Step to the next stop, or through some, and let events happen on the way."""
         until, events, stepper, self._changed = times[-1], self.events, self.stepper, False
-        if events.is_due(stepper.time):
+        if events.any and events.is_due(stepper.time):
             self._happen()
-        time = stepper.time
-        while time < until and not events.stopped:
-            target = events.next_instant(time, until)
+        while stepper.time < until and not events.stopped:
+            target = events.next_instant(stepper.time, until)
             self._step(times if target == until else [target], until)
-            self._happen()
-            if (time := stepper.time) < until:
+            if events.any:
+                self._happen()
+            if stepper.time < until:
                 check_interrupt()
         if self._changed and not self._block.remember(kept := events.kept):
             self.observers.changed_at(stepper.time, self._memory, kept)
@@ -250,10 +249,7 @@ class Integration:
     def _happen(self) -> None:
         """Let what is due happen, twice where an event changes a state: it may make another due."""
         stepper = self.stepper
-        acts = self.events.any
         for _ in range(2):
-            if not acts:
-                return
             acts = False
             x, v = stepper.flat()
             for name, change in self.events.at(stepper.time, x, v):
@@ -267,6 +263,8 @@ class Integration:
                 for held, new in ((x, change.x), (v, change.v)):
                     if new is not None:
                         held[:] = new
+            if not acts:
+                return
 
     def _apply(self, name: str, change: Change, memory: Memories) -> None:
         """Apply an event, once observers have seen all states before it."""
@@ -322,7 +320,7 @@ class Integration:
             self._flush()
         self._end()
         if self.observers.record is not None:
-            return Interrupted(f"interrupted after t = {self.observers.record.until:.6g} s")
+            return Interrupted(f"interrupted after t = {self.observers.stored.state.time:.6g} s")
         return Interrupted(
             f"interrupted; the simulation is at its last valid state, t = {self.stepper.time:.6g} s"
         )

@@ -59,6 +59,12 @@ class Observer:
     def changed(self, event: Event) -> None:
         """See an event; no states before and after it come together."""
 
+    def built(self, items: dict[str, int], seconds: float) -> None:
+        """See the items of an engine that was built in a time [s]."""
+
+    def retried(self, stopped: str, time: float, plan: Plan) -> None:
+        """See why the run goes on from an earlier state at a time [s] with a finer plan."""
+
     def save(self) -> dict[str, NDArray[Any]]:
         """Return copies of all that changes, for a snapshot and for a run that goes back."""
         return {}
@@ -269,10 +275,7 @@ class Balance(Observer):
         states, dissipated, marks = steps.states, steps.dissipated, np.array(steps.marks, dtype=np.int64)
         with np.errstate(all="ignore"):  # the guards check for overflow
             # The longest element is checked in every state: its peak may last for a single one.
-            cable = self._system.forces.cable
-            longest, carrying = cable.law.longest, cable.carrying(states.memory)
-            longest = longest if carrying is None else np.where(carrying, longest, np.inf)
-            too_long = (states.length > longest).any()
+            too_long = (states.length > states.longest).any()
             every = np.append(np.arange(self._every, len(states) - 1, self._every), len(states) - 1)
             rows = np.union1d(every, marks)
             truncated = self._guards.truncated(states, every)[np.searchsorted(every, rows)]
@@ -317,23 +320,6 @@ class Balance(Observer):
         )
 
 
-class Record(Observer):
-    """Observer that stores marked states, and what happens to a run."""
-
-    stores_energies: bool  # of all steps
-
-    @property
-    def until(self) -> float:
-        """The last stored time [s]."""
-        raise NotImplementedError
-
-    def built(self, items: dict[str, int], seconds: float) -> None:
-        """Record the items of the engine and the time of their construction [s]."""
-
-    def retried(self, stopped: str, time: float, plan: Plan) -> None:
-        """Record that the run goes on from an earlier state with a finer plan."""
-
-
 class Saved(NamedTuple):
     """A state to which a run may go back, and what its observers saved there."""
 
@@ -357,7 +343,7 @@ class Observers:
         state: State,
         own: Mapping[str, Observer],
         balance: Balance | None = None,
-        record: Record | None = None,
+        record: Observer | None = None,
     ) -> None:
         self._system = system
         self.balance, self.record = balance, record
@@ -391,8 +377,8 @@ class Observers:
         """Show states, split where the run may go back to; raise RunStopped at one that is not valid."""
         judged, last = Judged(len(steps.states), steps.marks), len(steps.states) - 1
         with np.errstate(all="ignore"):
-            if self.record is not None and self.record.stores_energies:
-                steps.states.elastic, steps.states.kinetic  # noqa: B018 - of all, which parts then have
+            if 2 * len(steps.marks) > last:  # then of all, which parts then have
+                steps.states.elastic, steps.states.kinetic, steps.states.potential  # noqa: B018
             if self.balance is not None:
                 steps = steps._replace(dissipated=self.balance.until_each(steps.states))
                 judged = self.balance.judge(steps)
@@ -456,14 +442,14 @@ class Observers:
         return self.balance.engine_failed(failure, step_cause=step_cause)
 
     def built(self, items: dict[str, int], seconds: float) -> None:
-        """Record the items of an engine and the time of their construction [s]."""
-        if self.record is not None:
-            self.record.built(items, seconds)
+        """Show the items of an engine and the time of their construction [s]."""
+        for observer in self._all.values():
+            observer.built(items, seconds)
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
-        """Record a retry."""
-        if self.record is not None:
-            self.record.retried(stopped, time, plan)
+        """Show a retry."""
+        for observer in self._all.values():
+            observer.retried(stopped, time, plan)
 
     def back_to_safe(self) -> State:
         """Go back to the safe state, where another stepper begins."""

@@ -53,7 +53,7 @@ from exunet.results.run_record import (
 from exunet.results.store import MemoryStore, RowStore
 from exunet.scene.script import awaited_entries, drive_of, ejects
 from exunet.simulation.block import Observed
-from exunet.simulation.observers import STATES_A_LOOK, Balance, Event, EventLog, Record, RunningExtremes
+from exunet.simulation.observers import STATES_A_LOOK, Balance, Event, EventLog, Observer, RunningExtremes
 from exunet.simulation.preparation import Start
 
 DISK_COPIES = 2  # of the stored states, while they are written into the result at the end of a run
@@ -135,7 +135,7 @@ class _Waiting(NamedTuple):
     memories: list[Memories]
 
 
-class Recorder(Record):
+class Recorder(Observer):
     """Record of a run over all its attempts: marked states as rows, and what the result has beside them.
 
     times    : (n,) of the states to be stored [s]
