@@ -23,12 +23,11 @@ class Stops:
         self._times: list[float] = []
         self._forces: list[Floats] = []
 
-    def next(self, after: float, number: int) -> tuple[list[float], Floats] | None:
-        """Return the next times, at most so many, and the vector until the first; None after the last."""
+    def next(self, after: float, last: float, number: int) -> tuple[list[float], Floats] | None:
+        """Return the next times, at most so many, and the vector until the first; None if that is later."""
         first = self.after(after)
-        return (
-            (self._times[first : first + number], self._forces[first]) if first < len(self._times) else None
-        )
+        times = self._times[first : first + number]
+        return (times, self._forces[first]) if times and times[0] <= last else None
 
     def add(self, times: Sequence[float], force: Floats) -> None:
         """Add later times; equal vectors are stored once, without a copy."""

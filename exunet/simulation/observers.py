@@ -59,8 +59,8 @@ class Observer:
     def changed(self, event: Event) -> None:
         """See an event; no states before and after it come together."""
 
-    def built(self, items: dict[str, int], seconds: float) -> None:
-        """See the items of an engine that was built in a time [s]."""
+    def built(self, plan: Plan, items: dict[str, int], seconds: float) -> None:
+        """See the plan of the run from now on, and the items of its engine, built in a time [s]."""
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
         """See why the run goes on from an earlier state at a time [s] with a finer plan."""
@@ -211,8 +211,7 @@ class Balance(Observer):
         """Energy scale of the guards [J]."""
         return self._guards.scale
 
-    def explain(self, plan: Plan) -> None:
-        """Set the plan of the run from now on, for the guards and their messages."""
+    def built(self, plan: Plan, items: dict[str, int], seconds: float) -> None:
         self._plan = plan
         self._guards.explain(plan, turning_polynomial(plan.method, plan.backend))
 
@@ -421,11 +420,6 @@ class Observers:
         own = {name: observer.save() for name, observer in self._all.items()}
         return Saved(replace(state, memory={**state.memory, **memory}), own)
 
-    def explain(self, plan: Plan) -> None:
-        """Set the plan of the run from now on."""
-        if self.balance is not None:
-            self.balance.explain(plan)
-
     def push(self, force: Floats) -> None:
         """Set external forces (n_points, 3) [N]."""
         if self.balance is not None:
@@ -441,10 +435,10 @@ class Observers:
             raise failure
         return self.balance.engine_failed(failure, step_cause=step_cause)
 
-    def built(self, items: dict[str, int], seconds: float) -> None:
-        """Show the items of an engine and the time of their construction [s]."""
+    def built(self, plan: Plan, items: dict[str, int], seconds: float) -> None:
+        """Show the plan from now on, and the items of its engine, built in a time [s]."""
         for observer in self._all.values():
-            observer.built(items, seconds)
+            observer.built(plan, items, seconds)
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
         """Show a retry."""
@@ -453,19 +447,20 @@ class Observers:
 
     def back_to_safe(self) -> State:
         """Go back to the safe state, where another stepper begins."""
-        self._back_to(self.safe)
+        state = self._back_to(self.safe)
         if self.balance is not None:
-            self.balance.begin(self.safe.state)
-        return self.safe.state
+            self.balance.begin(state)
+        return state
 
-    def back_to_stored(self) -> None:
+    def back_to_stored(self) -> State:
         """Go back to the last stored state, at which a run ends."""
-        self._back_to(self.stored)
+        return self._back_to(self.stored)
 
-    def _back_to(self, saved: Saved) -> None:
+    def _back_to(self, saved: Saved) -> State:
         for name, observer in self._all.items():
             observer.load(saved.observers[name])
         self._last = States.of(self._system, saved.state)
+        return saved.state
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Return copies of all, each name with its group before it."""

@@ -270,8 +270,7 @@ class Recorder(Observer):
             rows[f"{STATES}{series.key}"] = np.array([memory[name][own] for memory in memories])
         return rows
 
-    def built(self, items: dict[str, int], seconds: float) -> None:
-        """Record the items of the engine and the time of their construction [s]."""
+    def built(self, plan: Plan, items: dict[str, int], seconds: float) -> None:
         cost = replace(self.record.cost, build_seconds=self.record.cost.build_seconds + seconds)
         self.record = replace(self.record, items=items, cost=cost)
 
@@ -288,7 +287,6 @@ class Recorder(Observer):
         self.record = replace(self.record, cost=cost)
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
-        """Record that the run goes on from an earlier state with a finer plan."""
         setting = f"tolerance {plan.tolerance:.3g}" if plan.step is None else f"step {plan.step:.3g}"
         note = f"retried from t = {time:.6g} s with {setting}: {stopped.split(';')[0]}"
         before = self._start.plan if self.record.plan is None else self.record.plan

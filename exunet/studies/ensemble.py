@@ -201,7 +201,7 @@ def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event)
     recorders: list[Recorder | None] = []
     for start in starts:
         new = Recorder(start, stores_energies=False, every=1)  # the guards check each stored time
-        new.balance.explain(start.plan)
+        new.balance.built(start.plan, {}, 0.0)
         new.observe(Observed(States.of(system, start.state), [0], [{}], [None], np.zeros(1)))
         recorders.append(new)
     loop.begin([start.state for start in starts])
