@@ -36,7 +36,9 @@ from exunet.model.system import State, System
 class StepChoice:
     """Sets the step of each attempt in the engine's `solver.it`.
 
-    jump : the next jump of the forces within a time [s] from the step's start, or None without one
+    jump    : the next jump of the forces within a time [s] from the step's start, or None without one
+    begin   : the engine's own time at the start of the step [s]
+    attempt : the step that is tried, set for good [s]
     """
 
     def __init__(
@@ -45,9 +47,9 @@ class StepChoice:
         self._plan, self._solver, self._settings, self.jump = plan, solver, settings, jump
         self._order = METHODS[plan.method].order
         self._adaptive = plan.tolerance is not None
-        self._first = self._attempt = plan.first_step
-        self._from = float(solver.it.currentTime)  # the engine's own time at the start of the step
-        self._until = self._from
+        self._first = self.attempt = plan.first_step
+        self.begin = float(solver.it.currentTime)
+        self._until = self.begin
         self._beyond = 0.0  # the step to continue with beyond the jump that is approached
         self._approaching = self._lifted = False
         self._tiny = 4.0 * plan.least_step
@@ -55,13 +57,13 @@ class StepChoice:
 
     def numbers(self) -> Floats:
         """Return the engine's time and the first step to try [s], with which the next stretch begins."""
-        return np.array([self._from, self._first])
+        return np.array([self.begin, self._first])
 
     def restore(self, numbers: Floats) -> None:
         """Go on from what `numbers` gave, in a solver that was started anew."""
-        self._from, self._first = map(float, numbers)
+        self.begin, self._first = map(float, numbers)
         progress = self._solver.it
-        progress.currentTime = self._from
+        progress.currentTime = self.begin
         if self._adaptive:
             progress.initialStepSize = self._first
 
@@ -74,15 +76,7 @@ class StepChoice:
         """The stretch has ended; the engine's sums of steps may be some units in the last place beside it."""
         if self._adaptive:
             self._first = self._controlled()
-        self._from = engines_time
-
-    def accepted(self, time: float) -> None:
-        """A step has ended at the engine's time [s]."""
-        self._from = time
-
-    def attempted(self) -> None:
-        """The step that is tried is set for good."""
-        self._attempt = self._solver.it.currentStepSize
+        self.begin = engines_time
 
     def choose(self, end_of_attempt: float, attempting: bool, rejected: bool) -> float:
         """Set the step that is about to be tried; returns its end."""
@@ -94,10 +88,10 @@ class StepChoice:
             wanted = max(wanted, self._plan.least_step)
         if self.jump is not None:
             wanted = self._mind_jumps(wanted, rejected)
-        step = self._until - self._from if self._from + wanted > self._until else wanted
+        step = self._until - self.begin if self.begin + wanted > self._until else wanted
         if step != progress.currentStepSize:
             progress.currentStepSize = step
-            progress.currentTime = self._from + step
+            progress.currentTime = self.begin + step
         return float(progress.currentTime)
 
     def refuse_collapse(self, begin: float) -> None:
@@ -121,8 +115,8 @@ class StepChoice:
         """The step that the engine's control chooses after the last one; its own formula, to the last bit."""
         progress, integration = self._solver.it, self._settings.timeIntegration
         error = progress.automaticStepSizeError or 1e-12
-        best = self._attempt * math.pow(1.0 / error, 1.0 / self._order)
-        most = min(progress.maxStepSize, self._attempt * integration.stepSizeMaxIncrease)
+        best = self.attempt * math.pow(1.0 / error, 1.0 / self._order)
+        most = min(progress.maxStepSize, self.attempt * integration.stepSizeMaxIncrease)
         return float(min(most, max(progress.minStepSize, integration.stepSizeSafety * best)))
 
     def _mind_jumps(self, wanted: float, rejected: bool) -> float:
@@ -140,7 +134,7 @@ class StepChoice:
             integration.absoluteTolerance = self._plan.tolerance
         if not (rejected or self._beyond):
             return wanted
-        beyond = self._beyond or self._attempt
+        beyond = self._beyond or self.attempt
         jump = self.jump(beyond)
         approaching, self._approaching = self._approaching, jump is not None
         if jump is None:
@@ -394,7 +388,7 @@ class ExudynStepper:
             if rejected:
                 self._counts.rejected += 1
             elif self._attempting:
-                self._choice.accepted(self._attempt_end)
+                self._choice.begin = self._attempt_end
                 self._counts.steps += 1
                 if self._accept(self._attempt_end, self._model.coordinates_in_call()):
                     raise _Ended
@@ -407,7 +401,7 @@ class ExudynStepper:
             if self._adaptive:
                 if self._events.any:
                     self._shorten()
-                self._choice.attempted()
+                self._choice.attempt = self._solver.it.currentStepSize
         except BaseException as error:
             self._stop = error  # step() raises it again
             raise  # returning False would not end the engine's search for a smaller step
@@ -546,7 +540,7 @@ class ExudynStepper:
         self._equal[:] = arrays["equal"]
         if rejected is not None:  # of the same solver, whose control goes on
             self._remember(memory)
-            self._choice.accepted(time)
+            self._choice.begin = time
             self._counts = replace(self._counts, steps=steps, rejected=rejected)
             self._idle_at(time)
             self._changed, self._stale = now, True
