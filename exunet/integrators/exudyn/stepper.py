@@ -24,7 +24,7 @@ from exunet.forces.terms import Change, Memories
 from exunet.integrators.compiled.steps import TINY_IN_A_ROW
 from exunet.integrators.events import Events
 from exunet.integrators.exudyn.build import build, remember
-from exunet.integrators.exudyn.engine import exudyn
+from exunet.integrators.exudyn.engine import exudyn, quiet_settings
 from exunet.integrators.exudyn.model import Coordinates, Model
 from exunet.integrators.protocol import Arrays, IntegrationFailed, StepCounts, Steps, StepsCollapsed
 from exunet.methods.method import METHODS, Kind, Method, Plan
@@ -158,15 +158,9 @@ _FAR = 1e300  # [s]: beyond the end of any run
 
 def settings_for(model: Model, plan: Plan, begin: float) -> Any:
     """Settings of a run that begins at a time [s]."""
-    engine, method = exudyn(), METHODS[plan.method]
-    settings = engine.SimulationSettings()
-    settings.solution.file.write = False  # else the engine writes into the working directory
-    settings.solution.sensors.active = False
-    settings.solution.solverInformationFileName = ""
-    settings.linearSolver.solverType = engine.LinearSolverType.EigenSparse  # the default is dense
+    settings, method = quiet_settings(), METHODS[plan.method]
     integration = settings.timeIntegration
-    integration.verboseMode = 0
-    integration.solverType = getattr(engine.DynamicSolverType, plan.method)
+    integration.solverType = getattr(exudyn().DynamicSolverType, plan.method)
     integration.startTime, integration.endTime = begin, begin + 1.0
     integration.adaptiveStep = integration.automaticStepSize = method.kind == Kind.ADAPTIVE
     integration.numberOfSteps = 1
