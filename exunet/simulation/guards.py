@@ -409,10 +409,6 @@ class Guards:
         angle = self._turning.angle(spin)[rows, worst]
         return {"turned": errors[rows, worst], "angle": angle, "body": self._turning.names[worst]}
 
-    def accept(self, look: GuardValues, k: int) -> None:
-        """Accept state k."""
-        self.gained = look.gained[:, k]
-
 
 def _energies(states: States) -> tuple[Floats, Floats]:
     """Return the energy of everything with forces, and of the rigid bodies without, (k,) [J]."""

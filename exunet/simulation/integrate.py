@@ -25,7 +25,7 @@ from exunet.forces.terms import Change, Seen
 from exunet.integrators.events import Events, memories_of
 from exunet.integrators.protocol import Arrays, IntegrationFailed, StepCounts, Stepper, Steps, StepsCollapsed
 from exunet.methods.method import Plan, finer
-from exunet.model.system import State, System
+from exunet.model.system import State
 from exunet.simulation.block import Block
 from exunet.simulation.external import ExternalInputs, Stops
 from exunet.simulation.observers import Event, Observers
@@ -33,33 +33,25 @@ from exunet.simulation.observers import Event, Observers
 _MANY = 2**31  # steps: as many as a stepper takes in one go
 _INTERVAL = 0.2  # [s] of wall time after which a run reacts to an interrupt
 Checkpoint = Callable[[], None]
+Make = Callable[[State, Plan], Stepper]  # a stepper at a state with a plan
 
 
 class Integration:
-    """A stepper on its way through the stops of a run, with events and observers.
+    """A stepper on its way through the stops of a run, with events and observers, from their first state.
 
-    make     : makes a stepper at a state with a plan
     retries  : how often a run that fails because of its steps goes back and on with finer ones
     together : stops that one call of the stepper may go through
     """
 
     def __init__(
-        self,
-        system: System,
-        state: State,
-        plan: Plan,
-        make: Callable[[State, Plan], Stepper],
-        observers: Observers,
-        *,
-        retries: int = 0,
-        together: int = 1,
+        self, plan: Plan, make: Make, observers: Observers, *, retries: int = 0, together: int = 1
     ) -> None:
-        self.system, self.plan, self._make, self.observers = system, plan, make, observers
+        self.plan, self._make, self.observers = plan, make, observers
         self.retries, self.spent, self.seconds = retries, StepCounts(), 0.0
-        self.external = ExternalInputs(system)
+        self.external = ExternalInputs(observers.system)
         self.acting = self.external.at_start
         self._stops, self._together, self._at_once = Stops(), together, 1
-        self._begin_at(state)
+        self._begin_at(observers.first)
 
     def _begin_at(self, state: State) -> None:
         """Begin with a new stepper at a state, with the present plan."""
@@ -69,8 +61,8 @@ class Integration:
         except IntegrationFailed as failure:
             raise RunStopped(f"not started: {failure}") from failure
         self._memory = state.memory  # of states; without what steps have changed since
-        self.events = Events(self.system, self.stepper)
-        self._block = Block(self.system, state.time, *self.stepper.flat(), 16 + self._together)
+        self.events = Events(self.observers.system, self.stepper)
+        self._block = Block(self.observers.system, state.time, *self.stepper.flat(), 16 + self._together)
         self._before: tuple[Seen, Arrays] | None = None  # of steps in which conditions are watched
         self._crossed = self._changed = False  # a condition came true; events changed discrete states
         self._to_come: list[int] = []  # numbers of steps to take without a test, the next one last
@@ -144,8 +136,6 @@ class Integration:
                 check_interrupt()
         if self._changed and not self._block.remember(kept := events.kept):
             self.observers.changed_at(stepper.time, self._memory, kept)
-        if not self._block.finite:
-            self._flush()
         check_interrupt()
 
     # Steps and events
@@ -233,7 +223,7 @@ class Integration:
                 block.mark({}, first)
             elif at == number and states.time[-1] == until:
                 block.mark(kept := self.events.kept)
-                ends = ends or (bool(kept) and self.observers.finds_wrong(kept))
+                ends = ends or not block.finite or self.observers.finds_wrong(kept)
             if ends:
                 self._flush()
 

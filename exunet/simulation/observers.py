@@ -287,7 +287,7 @@ class Balance(Observer):
                     bad = int(np.argmax(values.wrong))
             accepted = int(np.searchsorted(rows, bad))
             if accepted:
-                self._guards.accept(values, accepted - 1)
+                self._guards.gained = values.gained[:, accepted - 1]
             safe = self._safe(values, rows, marks[marks < bad])
         return Judged(bad, safe, self._stop(states, values, bad) if bad < len(states) else None)
 
@@ -327,7 +327,7 @@ class Saved(NamedTuple):
 
 
 class Observers:
-    """Observers of a run from its initial state, which see blocks of states; where a run may go back to.
+    """Observers of a run from its first state, which see blocks of states; where a run may go back to.
 
     own     : by name
     balance : energy balance and guards, the first observer; None: no state is checked
@@ -344,8 +344,7 @@ class Observers:
         balance: Balance | None = None,
         record: Observer | None = None,
     ) -> None:
-        self._system = system
-        self.balance, self.record = balance, record
+        self.system, self.first, self.balance, self.record = system, state, balance, record
         first: dict[str, Observer] = {} if balance is None else {"balance": balance}
         last: dict[str, Observer] = {} if record is None else {"record": record}
         self._all = {**first, **own, **last}
@@ -363,10 +362,10 @@ class Observers:
 
     def start(self) -> None:
         """Show the first state as a marked one, with discrete states as after a step that ends there."""
-        first, kernels = self._last, self._system.forces.kernels
+        first, kernels = self._last, self.system.forces.kernels
         kept = dict(first.memory)
         if any(term.memory is not None and term.memory.series for term in kernels):
-            (time,), (x,), (v,), size = first.time, first.x, first.v, self._system.blocks.n_force
+            (time,), (x,), (v,), size = first.time, first.x, first.v, self.system.blocks.n_force
             kept |= term_kernel(kernels).remembered(time, x, v, size, first.memory)
         dissipated = np.array([0.0 if self.balance is None else self.balance.dissipated])
         self._observe(Observed(first, [0], [kept], [None], dissipated))
@@ -404,7 +403,7 @@ class Observers:
         change, last = event.change, self._last
         x = last.x if change.x is None else change.x[None]
         v = last.v if change.v is None else change.v[None]
-        self._last = States(self._system, last.time, x, v, memory)
+        self._last = States(self.system, last.time, x, v, memory)
         for observer in self._all.values():
             observer.changed(event._replace(after=self._last))
         self.changed_at(event.time, memory, kept)
@@ -427,7 +426,7 @@ class Observers:
 
     def finds_wrong(self, memory: Memories) -> bool:
         """Return True if a run must stop with discrete states that steps have changed."""
-        return self.balance is not None and bool(self.balance.why_wrong(memory))
+        return bool(memory) and self.balance is not None and bool(self.balance.why_wrong(memory))
 
     def engine_failed(self, failure: IntegrationFailed, *, step_cause: bool) -> RunStopped:
         """Return the error for a stepper that failed; raise the stepper's own where no state is checked."""
@@ -459,7 +458,7 @@ class Observers:
     def _back_to(self, saved: Saved) -> State:
         for name, observer in self._all.items():
             observer.load(saved.observers[name])
-        self._last = States.of(self._system, saved.state)
+        self._last = States.of(self.system, saved.state)
         return saved.state
 
     def save(self) -> dict[str, NDArray[Any]]:
@@ -482,6 +481,6 @@ class Observers:
             return Saved(state, {name: group_of(f"{which}:{name}", arrays) for name in self._all})
 
         self.safe, self.stored = saved("safe"), saved("stored")
-        self._last = States.of(self._system, State.from_arrays(group_of("last", arrays)))
+        self._last = States.of(self.system, State.from_arrays(group_of("last", arrays)))
         for name, observer in self._all.items():
             observer.load(group_of(name, arrays))

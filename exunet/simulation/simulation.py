@@ -155,7 +155,7 @@ class Simulation:
             return stepper_of(start.system, state, plan, **shows)
 
         retries = start.scene.solver.retry
-        self.run = Integration(start.system, start.state, start.plan, make, observers, retries=retries)
+        self.run = Integration(start.plan, make, observers, retries=retries)
         self._control: ActiveController | None = None
         if recorder is not None and not len(recorder):
             observers.start()

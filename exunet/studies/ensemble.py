@@ -185,7 +185,7 @@ def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
     observers = Observers(system, start.state, own, recorder.balance, recorder)
     observers.start()
     together = 1 if events else _MAX_TIMES
-    run = Integration(system, start.state, start.plan, make, observers, together=together)
+    run = Integration(start.plan, make, observers, together=together)
     run.go(recorder.times[1:].tolist(), leave, settle=True)
     return _result(recorder, run.counts.right_hand_sides)
 
