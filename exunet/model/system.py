@@ -20,7 +20,7 @@ from exunet.forces.total import Forces
 from exunet.net.arrays import Net
 from exunet.net.closing import LineThroughRings
 
-_OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
+OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 
 class InitialEjection(NamedTuple):
@@ -158,13 +158,7 @@ class System:
         Terms integrate it as first-order states: work of prescribed bodies and drives, dissipation of contact
         and of friction of a closing line.
         """
-        return self._sum_of(first_order, np.flatnonzero(self._gives))
-
-    def put_in(self, first_order: Floats) -> Floats:
-        """(...,) energy input of prescribed bodies and drives [J]."""
-        return self._sum_of(first_order, np.flatnonzero(self._gives > 0.0))
-
-    def _sum_of(self, first_order: Floats, columns: NDArray[np.int64]) -> Floats:
+        columns = np.flatnonzero(self._gives)
         return np.asarray((first_order[..., columns] * self._gives[columns]).sum(axis=-1))
 
     @cached_property
@@ -223,7 +217,7 @@ class State:
 
     def arrays(self) -> dict[str, Floats]:
         """Return the arrays of the state by name, for a snapshot."""
-        parts = zip(_OF_BODIES, self.bodies.parts(), strict=True)
+        parts = zip(OF_BODY, self.bodies.parts(), strict=True)
         return {
             "time": np.array(self.time),
             "position": self.position,
@@ -236,7 +230,7 @@ class State:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Floats]) -> State:
         """Make a state from `arrays`."""
-        bodies = RigidStates(*(arrays[f"bodies/{name}"] for name in _OF_BODIES))
+        bodies = RigidStates(*(arrays[f"bodies/{name}"] for name in OF_BODY))
         memory = {name[7:]: values for name, values in arrays.items() if name.startswith("memory/")}
         moving = Moving(arrays["position"], arrays["velocity"], bodies, arrays["first_order"])
         return cls.of(float(arrays["time"]), moving, memory)

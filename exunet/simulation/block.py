@@ -52,33 +52,39 @@ class Block:
     def __init__(self, system: System, time: float, x: Floats, v: Floats, least: int) -> None:
         self._system = system
         self.room = max(least, min(_ROWS, _NUMBERS // max(1, v.size)))
-        self._time, self._taken = np.empty(self.room), np.zeros(self.room)
-        self._x, self._v = np.empty((self.room, x.size)), np.empty((self.room, v.size))
+        self._shapes = {"time": (), "x": x.shape, "v": v.shape, "taken": ()}
+        self._since: Extremes | None = None  # since the last mark
         self._sums = False  # the stepper sums the energy that is taken
         self.rows = 0
-        self.put(time, x, v)
         self._clear()
+        self._make()
+        self.put(time, x, v)
 
     def _clear(self) -> None:
         self._marks: list[int] = []
         self._memories: list[Memories] = []
         self._extremes: list[Extremes | None] = []
-        self._since: Extremes | None = None  # since the last mark
+
+    def _make(self) -> None:
+        self._parts = {name: np.empty((self.room, *shape)) for name, shape in self._shapes.items()}
 
     def put(self, time: float, x: Floats, v: Floats) -> None:
         """Add a state."""
-        row = self.rows
-        self._time[row], self._x[row], self._v[row] = time, x, v
-        self._taken[row] = self._taken[row - 1] if row else 0.0
+        row, taken = self.rows, self._parts["taken"]
+        for name, value in (("time", time), ("x", x), ("v", v), ("taken", taken[row - 1] if row else 0.0)):
+            self._parts[name][row] = value
         self.rows = row + 1
 
     def add(self, states: States, first: int) -> int:
         """Add states from row `first` on while there is room; return the number of the next."""
         number = min(states.time.size - first, self.room - self.rows)
         here, there = slice(self.rows, self.rows + number), slice(first, first + number)
-        self._time[here], self._x[here], self._v[here] = states.time[there], states.x[there], states.v[there]
-        if states.taken is not None:
-            self._sums, self._taken[here] = True, states.taken[there]
+        parts, self._sums = self._parts, states.taken is not None
+        parts["time"][here], parts["x"][here] = states.time[there], states.x[there]
+        parts["v"][here], parts["taken"][here] = (
+            states.v[there],
+            0.0 if states.taken is None else states.taken[there],
+        )
         self.rows += number
         return first + number
 
@@ -109,54 +115,46 @@ class Block:
     @property
     def time(self) -> float:
         """Time of the last state [s]."""
-        return float(self._time[self.rows - 1])
+        return float(self._parts["time"][self.rows - 1])
 
     @property
     def finite(self) -> bool:
         """True if the last state is; the squares of the largest numbers may be said not to be."""
-        x, v = self._x[self.rows - 1], self._v[self.rows - 1]
+        x, v = self._parts["x"][self.rows - 1], self._parts["v"][self.rows - 1]
         return math.isfinite(np.vdot(x, x)) and math.isfinite(np.vdot(v, v))  # which do not warn
 
     def changed(self, change: Change) -> None:
         """Let an event change the only state."""
-        self._taken[0] += change.energy_lost or 0.0
-        if change.x is not None:
-            self._x[0] = change.x
-        if change.v is not None:
-            self._v[0] = change.v
+        self._parts["taken"][0] += change.energy_lost or 0.0
+        for name, new in (("x", change.x), ("v", change.v)):
+            if new is not None:
+                self._parts[name][0] = new
 
     def take(self, memory: Memories) -> Observed | None:
         """Return the states, and keep the last as the first; None without a new state or mark."""
         rows = self.rows
         if rows < 2 and not self._marks:
             return None
-        every = self._time, self._x, self._v, self._taken
-        time, x, v, taken = (part[:rows] for part in every)
+        own = {name: part[:rows] for name, part in self._parts.items()}
         if 2 * rows > self.room:  # then new arrays take less time than copies
-            self._time, self._taken = np.empty(self.room), np.zeros(self.room)
-            self._x, self._v = np.empty((self.room, x.shape[1])), np.empty((self.room, v.shape[1]))
+            self._make()
         else:
-            time, x, v, taken = time.copy(), x.copy(), v.copy(), taken.copy()
-        for part, own in zip((self._time, self._x, self._v, self._taken), (time, x, v, taken), strict=True):
-            part[0] = own[-1]
-        states = States(self._system, time, x, v, memory, taken if self._sums else None).completed()
+            own = {name: part.copy() for name, part in own.items()}
+        for name, part in own.items():
+            self._parts[name][0] = part[-1]
+        taken = own["taken"] if self._sums else None
+        states = States(self._system, own["time"], own["x"], own["v"], memory, taken).completed()
         found = Observed(states, self._marks, self._memories, self._extremes, np.zeros(0))
-        self.rows, since = 1, self._since
+        self.rows = 1
         self._clear()
-        self._since = since
         return found
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Return copies of all."""
-        rows = slice(self.rows)
-        arrays = {
-            "time": self._time[rows],
-            "x": self._x[rows],
-            "v": self._v[rows],
-            "taken": self._taken[rows],
+        found: dict[str, NDArray[Any]] = {
+            name: part[: self.rows].copy() for name, part in self._parts.items()
         }
-        arrays |= {"marks": np.array(self._marks, dtype=np.int64), "sums": np.array([self._sums])}
-        found = {name: np.array(values) for name, values in arrays.items()}
+        found |= {"marks": np.array(self._marks, dtype=np.int64), "sums": np.array([self._sums])}
         for name in self._memories[0] if self._memories else {}:
             found[f"memory/{name}"] = np.array([memory[name] for memory in self._memories])
         for what, seen in (("marks", self._extremes), ("since", [self._since])):
@@ -168,7 +166,7 @@ class Block:
     def load(self, arrays: Arrays) -> None:
         """Go back to what `save` returned."""
         self.rows = len(arrays["time"])
-        for name, part in (("time", self._time), ("x", self._x), ("v", self._v), ("taken", self._taken)):
+        for name, part in self._parts.items():
             part[: self.rows] = arrays[name]
         self._marks, self._sums = arrays["marks"].tolist(), bool(arrays["sums"][0])
         names = [name for name in arrays if name.startswith("memory/")]
