@@ -33,7 +33,8 @@ class Events:
         self._system, self._stepper = system, stepper
         self._switches: list[tuple[str, Switch]] = []
         self._sees: dict[str, tuple[str, ...]] = {}
-        self._watch: tuple[str, Watch] | None = None
+        self._watch: Watch | None = None
+        self._script = ""  # its discrete state
         self._reported: tuple[tuple[str, int], ...] = ()
         for term, switch in system.forces.switches:
             assert term.memory is not None
@@ -41,9 +42,8 @@ class Events:
             inputs = term.inputs if switch.sees_inputs else ()
             self._sees[term.memory.name] = tuple(item.name for item in inputs)
             if term is system.forces.script:
-                watch = cast("Watch", switch)
-                self._watch = term.memory.name, watch
-                self._sees[term.memory.name], self._reported = watch.sees, watch.reports
+                self._script, self._watch = term.memory.name, cast("Watch", switch)
+                self._sees[self._script], self._reported = self._watch.sees, self._watch.reports
         self.any, self._knots = bool(self._switches), system.kinematics.knots
 
     @property
@@ -57,7 +57,7 @@ class Events:
         """
         memory = self.memory
         own, others = memory[name], self._sees[name]
-        reported = self._reported if self._watch is not None and name == self._watch[0] else ()
+        reported = self._reported if name == self._script else ()
         if not others and not reported:
             return own
         numbers = [memory[one][place] for one, place in reported]
@@ -66,7 +66,7 @@ class Events:
     @property
     def stopped(self) -> bool:
         """True if the run has been ended."""
-        return self._watch is not None and self._watch[1].stops(self._stepper.memory[self._watch[0]])
+        return self._watch is not None and self._watch.stops(self.memory[self._script])
 
     def is_due(self, time: float) -> bool:
         """True at the start of a run in which something is planned for then."""
@@ -81,12 +81,11 @@ class Events:
     @property
     def watches(self) -> bool:
         """True while conditions are watched, whose crossings are to be located in steps."""
-        return self._watch is not None and self._watch[1].in_steps(self.memory[self._watch[0]])
+        return self._watch is not None and self._watch.in_steps(self.memory[self._script])
 
     def now(self) -> Seen:
         """The state reached, as what watches gets it."""
-        assert self._watch is not None
-        memory = self._seen(self._watch[0])
+        memory = self._seen(self._script)
         x, v = self._stepper.flat()
         reported = memory[None, len(memory) - len(self._reported) :]
         return Seen(np.array([self._stepper.time]), x[None].copy(), v[None].copy(), memory, reported)
@@ -94,31 +93,32 @@ class Events:
     def comes_true(self, steps: Seen) -> int | None:
         """See `Watch.comes_true`; accepted steps in which no condition does are remembered."""
         assert self._watch is not None
-        steps = steps._replace(memory=self._seen(self._watch[0]))
-        first = self._watch[1].comes_true(steps)
+        steps = steps._replace(memory=self._seen(self._script))
+        first = self._watch.comes_true(steps)
         if first is None:
-            self.steps_done(steps)
+            self._remember(self._watch, steps)
         return first
 
-    def crossing(self, begin: Seen, end: Seen) -> float | None:
-        """See `Watch.crossing`."""
+    def crossing(self, begin: Seen) -> float | None:
+        """See `Watch.crossing`, of the steps since a state, which are remembered unless they are repeated."""
         assert self._watch is not None
-        return self._watch[1].crossing(begin, end)
+        now = self.now()
+        target = self._watch.crossing(begin, now)
+        if target is None or not target < self._stepper.time:
+            self._remember(self._watch, now)
+        return target
 
-    def steps_done(self, steps: Seen) -> None:
-        """Let what watches remember accepted steps."""
-        assert self._watch is not None
-        name, watch = self._watch
+    def _remember(self, watch: Watch, steps: Seen) -> None:
         after = watch.remembered(steps)
         if after is not None:
-            self.memory[name] = after
+            self.memory[self._script] = after
 
     @property
     def kept(self) -> dict[str, Floats]:
         """Copies of the discrete states that change at the end of steps, with an event or without."""
         kept = self._stepper.kept
         if self._watch is not None:
-            kept[self._watch[0]] = self.memory[self._watch[0]].copy()
+            kept[self._script] = self.memory[self._script].copy()
         return kept
 
     def _at_rest(self, change: Change, v: Floats) -> Change:

@@ -471,11 +471,9 @@ def where_steps_fail(states: States) -> str:
     return ACTING if forces.nonpotential else ""
 
 
-def step_advice(plan: Plan | None, where: str) -> str:
+def step_advice(plan: Plan, where: str) -> str:
     """Return cause and remedy of an error due to the steps; where: see `where_steps_fail`, or `TURNING`."""
     where = f" {where}" if where else ""
-    if plan is None:
-        return "Likely cause: steps too long. Use a smaller solver.step or an adaptive method (DOPRI5)"
     if plan.tolerance is not None:
         return (
             f"Likely cause: the tolerance {plan.tolerance:.2g} is too large{where}. "

@@ -167,12 +167,10 @@ class Integration:
     def _ends(self) -> bool:
         """At the end of an accepted step: True if a condition came true within it, or an event is due."""
         if self._before is not None:
-            now = self.events.now()
-            target = self.events.crossing(self._before[0], now)
+            target = self.events.crossing(self._before[0])
             if target is not None and target < self.stepper.time:
                 self._crossed = True
                 return True
-            self.events.steps_done(now)
             self._begin()
         return self.events.happen()
 
@@ -192,13 +190,11 @@ class Integration:
         taken = [steps._replace(states=steps.states[-1:])]
         while True:
             assert self._before is not None
-            now = self.events.now()
-            target = self.events.crossing(self._before[0], now)
+            target = self.events.crossing(self._before[0])
             if target is not None and target < self.stepper.time:
                 beyond, taken = self.stepper.time, []
                 self._take_back()
             else:
-                self.events.steps_done(now)
                 for part in taken:
                     self._add(part, until)
                 # A stepper that tests each step goes on by itself; others go on to where it had come true.

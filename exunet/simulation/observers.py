@@ -191,9 +191,10 @@ class Balance(Observer):
     dissipated : energy dissipated so far [J], without the work of prescribed bodies and drives
     """
 
+    _plan: Plan
+
     def __init__(self, system: System, state: State, *, every: int = STATES_A_LOOK) -> None:
         self._system, self._every = system, every
-        self._plan: Plan | None = None
         self._guards = Guards(system, state)
         self._push: Floats | None = None
         memories = (term.memory for term in system.forces.memories)
