@@ -269,8 +269,6 @@ class ExudynStepper:
         self._settings = settings_for(self._model, self._plan, state.time)
         self._start()
         self._idle_at(state.time)
-        jumps = self._system.forces.cable.viscous and self._adaptive
-        self._choice = StepChoice(self._plan, self._solver, self._settings, self._jump if jumps else None)
 
     def _idle_at(self, time: float) -> None:
         """Between two calls of the engine."""
@@ -280,7 +278,10 @@ class ExudynStepper:
         self._stop: BaseException | None = None
 
     def _start(self) -> None:
+        """Start the engine's solver at the model's initial state."""
         self._solver = started(self._model, self._plan, self._settings, self._before_attempt)
+        jump = self._jump if self._system.forces.cable.viscous and self._adaptive else None
+        self._choice = StepChoice(self._plan, self._solver, self._settings, jump)
 
     @property
     def counts(self) -> StepCounts:
@@ -457,11 +458,15 @@ class ExudynStepper:
             x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
             self._changed = self._model.places.pack(self._system.layout.unpack(x, v), self._now)
             self._begin_anew()
-        elif self._method.remembers_acceleration:
-            self._begin_anew()
+        else:
+            self._forces_changed()
 
     def _begin_anew(self) -> None:
         self._stale, self._equal[2] = True, 0.0
+
+    def _forces_changed(self) -> None:
+        if self._method.remembers_acceleration:
+            self._begin_anew()
 
     def _remember(self, memory: Memories) -> None:
         """Let all forces take the discrete states as they are now."""
@@ -474,12 +479,10 @@ class ExudynStepper:
         kinds = exudyn().ConfigurationType
         put(self._model, now, self.time, kinds.Initial)
         self._settings.timeIntegration.startTime = self.time
-        newton, choice = self._counts.newton_iterations, self._choice
+        self._newton_before, numbers = self._counts.newton_iterations, self._choice.numbers()
         self._start()  # which computes the accelerations
-        self._choice = StepChoice(self._plan, self._solver, self._settings, choice.jump)
         if self._adaptive:
-            self._choice.restore(choice.numbers())
-        self._newton_before = newton
+            self._choice.restore(numbers)
 
     def state(self) -> State:
         memory = {name: values.copy() for name, values in self.memory.items()}
@@ -504,10 +507,6 @@ class ExudynStepper:
     def set_inputs(self, inputs: Arrays) -> None:
         self._remember({**self.memory, **inputs})
         self._forces_changed()
-
-    def _forces_changed(self) -> None:
-        if self._method.remembers_acceleration:
-            self._begin_anew()
 
     def save(self) -> dict[str, NDArray[Any]]:
         if self._stale and not self._attempting:
@@ -555,8 +554,6 @@ class ExudynStepper:
         self._start()
         put(self._model, now, engines_time, kinds.Current)  # starting it has changed the accelerations
         data.SetODE2Coordinates_tt(accelerations, kinds.Current)
-        jump = self._choice.jump
-        self._choice = StepChoice(self._plan, self._solver, self._settings, jump)
         self._choice.restore(arrays["choice"])
         self._counts = StepCounts(steps, int(arrays["counts"][1]))
         self._newton_before = 0
