@@ -288,7 +288,7 @@ class Integration:
 
     def _end(self) -> float:
         """End a run at its last stored state; one that stores nothing is then at its last safe state."""
-        if self.observers.record is not None:
+        if self.observers.stores:
             return self.observers.back_to_stored().time
         self._go_back()
         return self.stepper.time

@@ -330,25 +330,16 @@ class Saved(NamedTuple):
 class Observers:
     """Observers of a run from its first state, which see blocks of states; where a run may go back to.
 
-    own     : by name
-    balance : energy balance and guards, the first observer; None: no state is checked
-    record  : stores marked states, the last observer; None: nothing is stored
+    own     : by name, in order; "record" stores marked states
+    balance : energy balance and guards; None: no state is checked
+    stores  : one of the observers is a record
     safe    : the last state from which a failed run may go on with finer steps
     stored  : the last marked state
     """
 
-    def __init__(
-        self,
-        system: System,
-        state: State,
-        own: Mapping[str, Observer],
-        balance: Balance | None = None,
-        record: Observer | None = None,
-    ) -> None:
-        self.system, self.first, self.balance, self.record = system, state, balance, record
-        first: dict[str, Observer] = {} if balance is None else {"balance": balance}
-        last: dict[str, Observer] = {} if record is None else {"record": record}
-        self._all = {**first, **own, **last}
+    def __init__(self, system: System, state: State, own: Mapping[str, Observer]) -> None:
+        self.system, self.first, self._all, self.stores = system, state, own, "record" in own
+        self.balance = next((each for each in own.values() if isinstance(each, Balance)), None)
         self._last = States.of(system, state)
         self.safe = self.stored = self._saved(self._last, 0, {})
 

@@ -145,10 +145,10 @@ class Simulation:
             if recorder is None
             else (recorder.balance, recorder.log, recorder.extremes)
         )
-
-        own: dict[str, Observer] = {"log": self.log, "extremes": self.extremes}
+        own: dict[str, Observer] = {"balance": self.balance, "log": self.log, "extremes": self.extremes}
         own |= {name: resolve_name(path)(start.system, start.state) for name, path in OBSERVERS.items()}
-        observers = Observers(start.system, start.state, own, self.balance, recorder)
+        own |= {} if recorder is None else {"record": recorder}
+        observers = Observers(start.system, start.state, own)
         shows = {"elements": recorder is not None, "every_step": observers.every_step}
 
         def make(state: State, plan: Plan) -> Stepper:

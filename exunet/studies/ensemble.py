@@ -47,7 +47,7 @@ from exunet.scene.casefile import Case, case_of
 from exunet.scene.scene import Scene
 from exunet.simulation.block import Observed
 from exunet.simulation.integrate import Integration
-from exunet.simulation.observers import STATES_A_LOOK, Observer, Observers
+from exunet.simulation.observers import STATES_A_LOOK, Observers
 from exunet.simulation.planning import is_short
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
 from exunet.simulation.recorder import Recorder, initial_record, series_of, stored_bytes
@@ -190,8 +190,8 @@ def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
 def _observed(start: Start, every: int = STATES_A_LOOK) -> tuple[Recorder, Observers]:
     """Return the recorder of a run, and its observers, which have seen the first state."""
     recorder = Recorder(start, stores_energies=False, every=every)
-    own: dict[str, Observer] = {"log": recorder.log, "extremes": recorder.extremes}
-    observers = Observers(start.system, start.state, own, recorder.balance, recorder)
+    own = {"balance": recorder.balance, "log": recorder.log, "extremes": recorder.extremes}
+    observers = Observers(start.system, start.state, {**own, "record": recorder})
     observers.start()
     return recorder, observers
 
