@@ -50,7 +50,7 @@ class RowSource(Protocol):
         ...
 
     def read(self, path: str, start: int, stop: int) -> Floats:
-        """Return rows `start` to `stop` (not included) of a column: (stop - start, *row), not shared."""
+        """Return rows `start` to `stop` (not included) of a column: (stop - start, *row), that last."""
         ...
 
 

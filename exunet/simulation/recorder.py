@@ -387,11 +387,6 @@ def _winch(start: Start) -> WinchLimits | None:
     return WinchLimits(line.length - line.shortest, max(forces, default=None), commands)
 
 
-def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:
-    """Return the nodes that are fixed to each rigid body for good, by its name; None: no node."""
-    return {body.name: _fixed_to(system, k) for k, body in enumerate(system.bodies)}
-
-
 def _carried(start: Start) -> Carried | None:
     """Return the body that holds the packed net, if any."""
     frame, system = start.scene.initial.frame, start.system

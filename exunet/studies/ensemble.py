@@ -158,10 +158,9 @@ def tracked_speeds(net: Net, velocity: Floats) -> Floats:
     return np.asarray(np.linalg.norm(velocity[..., nodes, :], axis=-1))
 
 
-_INTERVAL = 0.2  # [s] of wall time after which a run reacts to an interrupt
 _MAX_TIMES = 128  # states that the guards check in one go
 _MAX_VALUES = 2**21  # coordinates that runs side by side keep in one go
-_MAX_WORK = 1e7  # elements times steps of runs side by side in one go: about _INTERVAL
+_MAX_WORK = 1e7  # elements times steps of runs side by side in one go: about 0.2 s
 
 
 def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
