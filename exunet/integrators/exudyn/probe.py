@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from exunet.base.arrays import Floats
 from exunet.forces.terms import DiscreteStates
 from exunet.integrators.exudyn.build import remember
-from exunet.integrators.exudyn.engine import exudyn
+from exunet.integrators.exudyn.engine import exudyn, quiet_settings
 from exunet.integrators.exudyn.model import Model
 from exunet.model.system import Moving, System
 
@@ -42,25 +42,16 @@ class Probe:
 
     def _explicit(self) -> Any:
         """An explicit solver of the engine."""
-        settings = self._settings()
+        settings = quiet_settings()
         settings.timeIntegration.solverType = self._engine.DynamicSolverType.RK44
         settings.timeIntegration.explicit.useLieGroupIntegration = self._model.has_bodies
         solver = self._engine.MainSolverExplicit()
         solver.InitializeSolver(self._system, settings)
         return solver
 
-    def _settings(self) -> Any:
-        settings = self._engine.SimulationSettings()
-        settings.solution.file.write = False  # else the engine writes into the working directory
-        settings.solution.sensors.active = False
-        settings.solution.solverInformationFileName = ""
-        settings.linearSolver.solverType = self._engine.LinearSolverType.EigenSparse
-        settings.timeIntegration.verboseMode = 0
-        return settings
-
     def _initialised(self, least: float) -> Any:
         """The engine's implicit solver; least : size below which coordinates count as so large."""
-        settings = self._settings()
+        settings = quiet_settings()
         settings.timeIntegration.newton.numericalDifferentiation.minimumCoordinateSize = least
         solver = self._engine.MainSolverImplicitSecondOrder()
         solver.InitializeSolver(self._system, settings)
