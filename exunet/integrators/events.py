@@ -33,7 +33,8 @@ class Events:
         self._system, self._stepper = system, stepper
         self._switches: list[tuple[str, Switch]] = []
         self._sees: dict[str, tuple[str, ...]] = {}
-        self._watch: tuple[str, Watch] | None = None
+        self._watch: Watch | None = None
+        self._script = ""  # its discrete state
         self._reported: tuple[tuple[str, int], ...] = ()
         for term, switch in system.forces.switches:
             assert term.discrete is not None
@@ -41,10 +42,9 @@ class Events:
             inputs = term.inputs if switch.sees_inputs else ()
             self._sees[term.discrete.name] = tuple(item.name for item in inputs)
             if term is system.forces.script:
-                watch = cast("Watch", switch)
-                self._watch = term.discrete.name, watch
-                self._sees[term.discrete.name], self._reported = watch.sees, watch.reports
-        self.any = bool(self._switches)
+                self._script, self._watch = term.discrete.name, cast("Watch", switch)
+                self._sees[self._script], self._reported = self._watch.sees, self._watch.reports
+        self.any, self._knots = bool(self._switches), system.kinematics.knots
 
     @property
     def discrete(self) -> dict[str, Floats]:
@@ -57,7 +57,7 @@ class Events:
         """
         discrete = self.discrete
         own, others = discrete[name], self._sees[name]
-        reported = self._reported if self._watch is not None and name == self._watch[0] else ()
+        reported = self._reported if name == self._script else ()
         if not others and not reported:
             return own
         numbers = [discrete[one][place] for one, place in reported]
@@ -66,11 +66,11 @@ class Events:
     @property
     def stopped(self) -> bool:
         """True if the run has been ended."""
-        return self._watch is not None and self._watch[1].stops(self._stepper.discrete[self._watch[0]])
+        return self._watch is not None and self._watch.stops(self.discrete[self._script])
 
     def is_due(self, time: float) -> bool:
         """True at the start of a run in which something is planned for then."""
-        return self.any and min(self._planned, default=np.inf) <= time
+        return min(self._planned, default=np.inf) <= time
 
     @property
     def _planned(self) -> Iterator[float]:
@@ -81,12 +81,11 @@ class Events:
     @property
     def watches(self) -> bool:
         """True while conditions are watched, whose crossings are to be located in steps."""
-        return self._watch is not None and self._watch[1].in_steps(self.discrete[self._watch[0]])
+        return self._watch is not None and self._watch.in_steps(self.discrete[self._script])
 
     def now(self) -> Seen:
         """The state reached, as what watches gets it."""
-        assert self._watch is not None
-        discrete = self._seen(self._watch[0])
+        discrete = self._seen(self._script)
         x, v = self._stepper.flat()
         reported = discrete[None, len(discrete) - len(self._reported) :]
         return Seen(np.array([self._stepper.time]), x[None].copy(), v[None].copy(), discrete, reported)
@@ -94,31 +93,32 @@ class Events:
     def comes_true(self, steps: Seen) -> int | None:
         """See `Watch.comes_true`; accepted steps in which no condition does are remembered."""
         assert self._watch is not None
-        steps = steps._replace(discrete=self._seen(self._watch[0]))
-        first = self._watch[1].comes_true(steps)
+        steps = steps._replace(discrete=self._seen(self._script))
+        first = self._watch.comes_true(steps)
         if first is None:
-            self.steps_done(steps)
+            self._remember(self._watch, steps)
         return first
 
-    def crossing(self, begin: Seen, end: Seen) -> float | None:
-        """See `Watch.crossing`."""
+    def crossing(self, begin: Seen) -> float | None:
+        """See `Watch.crossing`, of the steps since a state, which are remembered unless they are repeated."""
         assert self._watch is not None
-        return self._watch[1].crossing(begin, end)
+        now = self.now()
+        target = self._watch.crossing(begin, now)
+        if target is None or not target < self._stepper.time:
+            self._remember(self._watch, now)
+        return target
 
-    def steps_done(self, steps: Seen) -> None:
-        """Let what watches remember accepted steps."""
-        assert self._watch is not None
-        name, watch = self._watch
+    def _remember(self, watch: Watch, steps: Seen) -> None:
         after = watch.remembered(steps)
         if after is not None:
-            self.discrete[name] = after
+            self.discrete[self._script] = after
 
     @property
     def kept(self) -> dict[str, Floats]:
         """Copies of the discrete states that change at the end of steps, with an event or without."""
         kept = self._stepper.kept
         if self._watch is not None:
-            kept[self._watch[0]] = self.discrete[self._watch[0]].copy()
+            kept[self._script] = self.discrete[self._script].copy()
         return kept
 
     def _at_rest(self, change: Change, v: Floats) -> Change:
@@ -151,7 +151,7 @@ class Events:
 
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant [s] of an event or of a knot of a motion after `after`, or `until`."""
-        every: Iterable[float] = self._system.kinematics.knots
+        every: Iterable[float] = self._knots
         if self.any:
             times = (time for _, switch in self._switches for time in switch.times)
             every = chain(times, self._planned, every)

@@ -17,25 +17,17 @@ from exunet.model.system import State
 Arrays = Mapping[str, NDArray[Any]]
 
 
-class Largest(NamedTuple):
-    """A largest tension so far [N], when [s], in which element (-1: none pulled)."""
-
-    tension: float
-    time: float
-    element: int
-
-
 class Extremes(NamedTuple):
     """The largest and least values of steps, for steppers that do not return each.
 
-    elastic, kinetic : largest elastic and least kinetic energy [J] of the steps of a call
-    largest          : the largest tension of each group of elements (`Net.spans`), of earlier steps too
-    of_elements      : (n_elements,) of each element [N], likewise; empty unless requested
+    energies    : (2,) largest elastic and least kinetic energy [J] of the steps of a call
+    largest     : (n_groups, 3) the largest tension [N] of each group of elements (`Net.spans`), when [s], and
+                  in which element (-1: none pulled), of earlier steps too
+    of_elements : (n_elements,) the largest tension of each element [N], likewise; empty unless requested
     """
 
-    elastic: float
-    kinetic: float
-    largest: tuple[Largest, ...]
+    energies: Floats
+    largest: Floats
     of_elements: Floats
 
 

@@ -20,7 +20,7 @@ from exunet.forces.law import green_lagrange_strain
 from exunet.model import energy
 from exunet.model.system import DiscreteStates, Moving, State, System
 
-Selection = slice | NDArray[np.int64] | NDArray[np.bool_]
+Selection = slice | NDArray[np.int64]  # numbers in order
 
 
 class States:
@@ -54,12 +54,19 @@ class States:
 
     def __getitem__(self, rows: Selection) -> States:
         """Select states, with the quantities that were computed of all."""
+        if isinstance(rows, np.ndarray) and len(rows) and rows[-1] - rows[0] == len(rows) - 1:
+            rows = slice(int(rows[0]), int(rows[-1]) + 1)  # views instead of copies
         taken = None if self.taken is None else self.taken[rows]
         part = States(self.system, self.time[rows], self.x[rows], self.v[rows], self.discrete, taken)
-        for name in _SERIES:
-            if name in self.__dict__:
-                part.__dict__[name] = self.__dict__[name][rows]
+        for name, value in vars(self).items():
+            if name in _SERIES:
+                vars(part)[name] = value if name in _OF_ALL else value[rows]
         return part
+
+    def copy(self) -> States:
+        """Return the states with their own arrays."""
+        taken = None if self.taken is None else self.taken.copy()
+        return States(self.system, self.time.copy(), self.x.copy(), self.v.copy(), self.discrete, taken)
 
     def state(self, row: int) -> State:
         """Copy one of the states."""
@@ -82,15 +89,12 @@ class States:
     @cached_property
     def position(self) -> Floats:
         """(k, n_points, 3) [m]."""
-        return self._points(self.x)
+        return self.moving.position
 
     @cached_property
     def velocity(self) -> Floats:
         """(k, n_points, 3) [m/s]."""
-        return self._points(self.v)
-
-    def _points(self, values: Floats) -> Floats:
-        return values[:, : 3 * self.system.blocks.n_points].reshape(len(values), -1, 3)
+        return self.moving.velocity
 
     @property
     def bodies(self) -> RigidStates:
@@ -106,6 +110,13 @@ class States:
     def law(self) -> AxialLaw:
         """Cable law of the intact elements."""
         return energy.law_of(self.system.forces, self.discrete)
+
+    @cached_property
+    def longest(self) -> Floats:
+        """(n_elements,) largest lengths [m] for which the laws are meant; infinite of broken elements."""
+        cable = self.system.forces.cable
+        carrying = cable.carrying(self.discrete)
+        return cable.law.longest if carrying is None else np.where(carrying, cable.law.longest, np.inf)
 
     @cached_property
     def length(self) -> Floats:
@@ -178,11 +189,8 @@ class States:
 
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
-        """(k,) True where positions, states of bodies and first-order states are finite."""
-        sums = self.position.sum(axis=(1, 2)) + self.first_order.sum(axis=1)
-        for part in self.bodies.parts():
-            sums = sums + part.sum(axis=(1, 2))
-        return np.isfinite(sums)
+        """(k,) True where positions, attitudes and first-order states are finite."""
+        return np.isfinite(self.x.sum(axis=1))
 
     def work_taken(self) -> Floats:
         """Compute (k - 1,) energies [J] dissipated by terms without a potential between the states."""
@@ -196,7 +204,8 @@ class States:
         return self.system.given_work(self.first_order)
 
 
-_VIEWS = "law", "moving", "position", "velocity", "elsewhere"
+_OF_ALL = "law", "longest"
+_VIEWS = "moving", "position", "velocity", "elsewhere"
 _SERIES = tuple(
     name for name, value in vars(States).items() if isinstance(value, cached_property) and name not in _VIEWS
 )

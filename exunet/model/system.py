@@ -21,7 +21,7 @@ from exunet.forces.total import Forces
 from exunet.net.arrays import Net
 from exunet.net.closing import LineThroughRings
 
-_OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
+OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 
 class InitialEjection(NamedTuple):
@@ -98,7 +98,7 @@ class System:
         """(n_bodies, 3) principal moments [kg m2]."""
         return np.array([body.inertia for body in self.bodies], dtype=float).reshape(-1, 3)
 
-    @property
+    @cached_property
     def layout(self) -> Layout:
         """Layout of states as flat arrays."""
         return Layout(self.blocks)
@@ -159,13 +159,7 @@ class System:
         Terms integrate it as first-order states: work of prescribed bodies and drives, dissipation of contact
         and of friction of a closing line.
         """
-        return self._sum_of(first_order, np.flatnonzero(self._gives))
-
-    def put_in(self, first_order: Floats) -> Floats:
-        """(...,) energy input of prescribed bodies and drives [J]."""
-        return self._sum_of(first_order, np.flatnonzero(self._gives > 0.0))
-
-    def _sum_of(self, first_order: Floats, columns: NDArray[np.int64]) -> Floats:
+        columns = np.flatnonzero(self._gives)
         return np.asarray((first_order[..., columns] * self._gives[columns]).sum(axis=-1))
 
     @cached_property
@@ -224,7 +218,7 @@ class State:
 
     def arrays(self) -> dict[str, Floats]:
         """Return the arrays of the state by name, for a snapshot."""
-        parts = zip(_OF_BODIES, self.bodies.parts(), strict=True)
+        parts = zip(OF_BODY, self.bodies.parts(), strict=True)
         return {
             "time": np.array(self.time),
             "position": self.position,
@@ -237,7 +231,7 @@ class State:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Floats]) -> State:
         """Make a state from `arrays`."""
-        bodies = RigidStates(*(arrays[f"bodies/{name}"] for name in _OF_BODIES))
+        bodies = RigidStates(*(arrays[f"bodies/{name}"] for name in OF_BODY))
         moving = Moving(arrays["position"], arrays["velocity"], bodies, arrays["first_order"])
         return cls.of(float(arrays["time"]), moving, group_of("discrete", arrays))
 
@@ -266,11 +260,15 @@ class Moving(NamedTuple):
         return Moving(*kinematics.completed(np.asarray(time), *self[:3], discrete), self.first_order)
 
 
-@dataclass(frozen=True, eq=False)
 class Layout:
     """Layout of states and masses in the flat arrays x and v of `exunet.forces.blocks`."""
 
-    blocks: Blocks
+    def __init__(self, blocks: Blocks) -> None:
+        self.blocks = blocks
+        self.n_points, self._n_bodies, centres = blocks.n_points, len(blocks.rigid), blocks.centres
+        self.points, self._centres = slice(3 * self.n_points), slice(3 * self.n_points, centres)
+        self._attitudes, self._rotations = slice(centres, centres + 4 * self._n_bodies), slice(centres, None)
+        self.first_order = slice(centres + 4 * self._n_bodies, None)
 
     def pack(self, moving: Moving) -> tuple[Floats, Floats]:
         """Return arrays x (..., n_x) and v (..., n_v); views of a system of points only."""
@@ -287,19 +285,15 @@ class Layout:
 
     def unpack(self, x: Floats, v: Floats) -> Moving:
         """Return the continuous state as views of x (..., n_x) and v (..., n_v)."""
-        points, centres = 3 * self.blocks.n_points, self.blocks.centres
-        turned = centres + 4 * len(self.blocks.rigid)
-
-        def rows(values: Floats, width: int) -> Floats:
-            return values.reshape(*values.shape[:-1], -1, width)
-
-        bodies = RigidStates(
-            rows(x[..., points:centres], 3),
-            rows(v[..., points:centres], 3),
-            rows(x[..., centres:turned], 4),
-            rows(v[..., centres:], 3),
+        points, bodies = (*x.shape[:-1], self.n_points, 3), (*x.shape[:-1], self._n_bodies, 3)
+        rigid = RigidStates(
+            x[..., self._centres].reshape(bodies),
+            v[..., self._centres].reshape(bodies),
+            x[..., self._attitudes].reshape(*bodies[:-1], 4),
+            v[..., self._rotations].reshape(bodies),
         )
-        return Moving(rows(x[..., :points], 3), rows(v[..., :points], 3), bodies, x[..., turned:])
+        of_points = x[..., self.points].reshape(points), v[..., self.points].reshape(points)
+        return Moving(*of_points, rigid, x[..., self.first_order])
 
     def inverse_mass(self, system: System, discrete: DiscreteStates) -> Floats:
         """Return (n_force,) 1 / mass or 1 / inertia: 0 if held or inactive, 1 for first-order states."""

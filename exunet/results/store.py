@@ -49,7 +49,7 @@ class RowSource(Protocol):
         ...
 
     def read(self, path: str, start: int, stop: int) -> Floats:
-        """Return rows `start` to `stop` (not included) of a column: (stop - start, *row), not shared."""
+        """Return rows `start` to `stop` (not included) of a column: (stop - start, *row), that last."""
         ...
 
 
@@ -66,12 +66,12 @@ class RowStore(RowSource, Protocol):
 
 
 class MemoryStore:
-    """Rows in memory; see `RowStore`."""
+    """Rows in memory; see `RowStore`. expected: their number, about."""
 
-    def __init__(self, columns: tuple[Column, ...]) -> None:
+    def __init__(self, columns: tuple[Column, ...], expected: int = 16) -> None:
         self.columns = columns
-        self._count = 0
-        self._arrays = {column.path: np.empty((16, *column.row)) for column in columns}
+        self._count, self._lent = 0, False
+        self._arrays = {column.path: np.empty((expected, *column.row)) for column in columns}
 
     def __len__(self) -> int:
         return self._count
@@ -80,20 +80,24 @@ class MemoryStore:
         """Add k rows: an array (k, *row) of each column, by path. They are copied."""
         end = self._count + count_rows(self.columns, rows)
         for path, values in self._arrays.items():
-            if end > len(values):
-                longer = np.empty((max(end, 2 * len(values)), *values.shape[1:]))
+            if self._lent or end > len(values):
+                room = len(values) if end <= len(values) else max(end, 2 * len(values))
+                longer = np.empty((room, *values.shape[1:]))
                 longer[: self._count] = values[: self._count]
                 self._arrays[path] = values = longer
             values[self._count : end] = rows[path]
-        self._count = end
+        self._count, self._lent = end, False
 
     def drop_after(self, count: int) -> None:
         """Keep the first `count` rows only."""
         self._count = min(count, self._count)
 
     def read(self, path: str, start: int, stop: int) -> Floats:
-        """Return rows `start` to `stop` (not included) of a column, copied."""
-        return self._arrays[path][start : min(stop, self._count)].copy()
+        """Return rows `start` to `stop` (not included) of a column; if these are all, without a copy."""
+        rows = self._arrays[path][start : min(stop, self._count)]
+        whole = 0 < len(rows) == self._count
+        self._lent |= whole
+        return rows if whole else rows.copy()
 
 
 class FileStore(Database):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats
 from exunet.base.files import group_of, grouped
 from exunet.forces.terms import Change, DiscreteStates
-from exunet.integrators.protocol import Arrays, Extremes, Largest
+from exunet.integrators.protocol import Arrays, Extremes
 from exunet.model.states import States
 from exunet.model.system import System
 
@@ -53,33 +53,39 @@ class Block:
     def __init__(self, system: System, time: float, x: Floats, v: Floats, least: int) -> None:
         self._system = system
         self.room = max(least, min(_ROWS, _NUMBERS // max(1, v.size)))
-        self._time, self._taken = np.empty(self.room), np.zeros(self.room)
-        self._x, self._v = np.empty((self.room, x.size)), np.empty((self.room, v.size))
+        self._shapes = {"time": (), "x": x.shape, "v": v.shape, "taken": ()}
+        self._since: Extremes | None = None  # since the last mark
         self._sums = False  # the stepper sums the energy that is taken
         self.rows = 0
-        self.put(time, x, v)
         self._clear()
+        self._make()
+        self.put(time, x, v)
 
     def _clear(self) -> None:
         self._marks: list[int] = []
         self._discrete_states: list[DiscreteStates] = []
         self._extremes: list[Extremes | None] = []
-        self._since: Extremes | None = None  # since the last mark
+
+    def _make(self) -> None:
+        self._parts = {name: np.empty((self.room, *shape)) for name, shape in self._shapes.items()}
 
     def put(self, time: float, x: Floats, v: Floats) -> None:
         """Add a state."""
-        row = self.rows
-        self._time[row], self._x[row], self._v[row] = time, x, v
-        self._taken[row] = self._taken[row - 1] if row else 0.0
+        row, taken = self.rows, self._parts["taken"]
+        for name, value in (("time", time), ("x", x), ("v", v), ("taken", taken[row - 1] if row else 0.0)):
+            self._parts[name][row] = value
         self.rows = row + 1
 
     def add(self, states: States, first: int) -> int:
         """Add states from row `first` on while there is room; return the number of the next."""
         number = min(states.time.size - first, self.room - self.rows)
         here, there = slice(self.rows, self.rows + number), slice(first, first + number)
-        self._time[here], self._x[here], self._v[here] = states.time[there], states.x[there], states.v[there]
-        if states.taken is not None:
-            self._sums, self._taken[here] = True, states.taken[there]
+        parts, self._sums = self._parts, states.taken is not None
+        parts["time"][here], parts["x"][here] = states.time[there], states.x[there]
+        parts["v"][here], parts["taken"][here] = (
+            states.v[there],
+            0.0 if states.taken is None else states.taken[there],
+        )
         self.rows += number
         return first + number
 
@@ -87,8 +93,9 @@ class Block:
         """Take extremes of steps that are not among the states."""
         before = self._since
         if extremes is not None and before is not None:
-            elastic, kinetic = max(before.elastic, extremes.elastic), min(before.kinetic, extremes.kinetic)
-            extremes = extremes._replace(elastic=elastic, kinetic=kinetic)
+            (elastic, kinetic), (largest, least) = before.energies.tolist(), extremes.energies.tolist()
+            energies = np.array([max(elastic, largest), min(kinetic, least)])
+            extremes = extremes._replace(energies=energies)
         self._since = extremes or before
 
     def mark(self, discrete: DiscreteStates, first: int | None = None) -> None:
@@ -109,95 +116,70 @@ class Block:
     @property
     def time(self) -> float:
         """Time of the last state [s]."""
-        return float(self._time[self.rows - 1])
+        return float(self._parts["time"][self.rows - 1])
 
     @property
     def finite(self) -> bool:
         """True if the last state is; the squares of the largest numbers may be said not to be."""
-        x, v = self._x[self.rows - 1], self._v[self.rows - 1]
-        with np.errstate(over="ignore", invalid="ignore"):
-            return bool(np.isfinite(np.dot(x, x) + np.dot(v, v)))
+        x, v = self._parts["x"][self.rows - 1], self._parts["v"][self.rows - 1]
+        return math.isfinite(np.vdot(x, x)) and math.isfinite(np.vdot(v, v))  # which do not warn
 
     def changed(self, change: Change) -> None:
         """Let an event change the only state."""
-        self._taken[0] += change.energy_lost or 0.0
-        if change.x is not None:
-            self._x[0] = change.x
-        if change.v is not None:
-            self._v[0] = change.v
+        self._parts["taken"][0] += change.energy_lost or 0.0
+        for name, new in (("x", change.x), ("v", change.v)):
+            if new is not None:
+                self._parts[name][0] = new
 
     def take(self, discrete: DiscreteStates) -> Observed | None:
         """Return the states, and keep the last as the first; None without a new state or mark."""
         rows = self.rows
         if rows < 2 and not self._marks:
             return None
-        every = self._time, self._x, self._v, self._taken
-        time, x, v, taken = (part[:rows] for part in every)
+        own = {name: part[:rows] for name, part in self._parts.items()}
         if 2 * rows > self.room:  # then new arrays take less time than copies
-            self._time, self._taken = np.empty(self.room), np.zeros(self.room)
-            self._x, self._v = np.empty((self.room, x.shape[1])), np.empty((self.room, v.shape[1]))
+            self._make()
         else:
-            time, x, v, taken = time.copy(), x.copy(), v.copy(), taken.copy()
-        for part, own in zip((self._time, self._x, self._v, self._taken), (time, x, v, taken), strict=True):
-            part[0] = own[-1]
-        states = States(self._system, time, x, v, discrete, taken if self._sums else None).completed()
+            own = {name: part.copy() for name, part in own.items()}
+        for name, part in own.items():
+            self._parts[name][0] = part[-1]
+        taken = own["taken"] if self._sums else None
+        states = States(self._system, own["time"], own["x"], own["v"], discrete, taken).completed()
         found = Observed(states, self._marks, self._discrete_states, self._extremes, np.zeros(0))
-        self.rows, since = 1, self._since
+        self.rows = 1
         self._clear()
-        self._since = since
         return found
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Return copies of all."""
-        rows = slice(self.rows)
-        arrays = {
-            "time": self._time[rows],
-            "x": self._x[rows],
-            "v": self._v[rows],
-            "taken": self._taken[rows],
+        found: dict[str, NDArray[Any]] = {
+            name: part[: self.rows].copy() for name, part in self._parts.items()
         }
-        arrays |= {"marks": np.array(self._marks, dtype=np.int64), "sums": np.array([self._sums])}
-        found = {name: np.array(values) for name, values in arrays.items()}
+        found |= {"marks": np.array(self._marks, dtype=np.int64), "sums": np.array([self._sums])}
         names = self._discrete_states[0] if self._discrete_states else {}
         discrete = {name: np.array([at[name] for at in self._discrete_states]) for name in names}
         found |= grouped("discrete", discrete)
         for what, seen in (("marks", self._extremes), ("since", [self._since])):
-            found |= {f"{what}/{name}": values for name, values in _packed(seen).items()}
+            known = [extremes for extremes in seen if extremes is not None]
+            for name in Extremes._fields:
+                found[f"{what}/{name}"] = np.array([getattr(extremes, name) for extremes in known])
         return found
 
     def load(self, arrays: Arrays) -> None:
         """Go back to what `save` returned."""
         self.rows = len(arrays["time"])
-        for name, part in (("time", self._time), ("x", self._x), ("v", self._v), ("taken", self._taken)):
+        for name, part in self._parts.items():
             part[: self.rows] = arrays[name]
         self._marks, self._sums = arrays["marks"].tolist(), bool(arrays["sums"][0])
         discrete = group_of("discrete", arrays)
         self._discrete_states = [
             {name: values[k] for name, values in discrete.items()} for k in range(len(self._marks))
         ]
-        self._extremes = _unpacked("marks/", arrays, len(self._marks))
-        (self._since,) = _unpacked("since/", arrays, 1)
+        self._extremes = _unpacked("marks", arrays) or [None] * len(self._marks)
+        (self._since,) = _unpacked("since", arrays) or [None]
 
 
-def _packed(extremes: Sequence[Extremes | None]) -> dict[str, NDArray[Any]]:
-    known = [seen for seen in extremes if seen is not None]
-    return {
-        "energies": np.array([(seen.elastic, seen.kinetic) for seen in known]).reshape(-1, 2),
-        "largest": np.array([seen.largest for seen in known], dtype=float),
-        "elements": np.array([seen.of_elements for seen in known]),
-    }
-
-
-def _unpacked(group: str, arrays: Arrays, number: int) -> list[Extremes | None]:
-    energies, largest, elements = (arrays[group + name] for name in ("energies", "largest", "elements"))
-    if not len(energies):
-        return [None] * number
-    return [
-        Extremes(
-            float(energies[k, 0]),
-            float(energies[k, 1]),
-            tuple(Largest(a, b, int(c)) for a, b, c in largest[k].tolist()),
-            elements[k],
-        )
-        for k in range(number)
-    ]
+def _unpacked(group: str, arrays: Arrays) -> list[Extremes | None]:
+    """Return the extremes that `Block.save` packed: of every mark, or none."""
+    parts = (np.array(arrays[f"{group}/{name}"]) for name in Extremes._fields)
+    return [Extremes(*rows) for rows in zip(*parts, strict=True)]

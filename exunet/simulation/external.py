@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -23,18 +23,17 @@ class Stops:
         self._times: list[float] = []
         self._forces: list[Floats] = []
 
-    def next(self, after: float, number: int) -> tuple[list[float], Floats] | None:
-        """Return the next times, at most so many, and the vector until the first; None after the last."""
+    def next(self, after: float, last: float, number: int) -> tuple[list[float], Floats] | None:
+        """Return the next times, at most so many, and the vector until the first; None if that is later."""
         first = self.after(after)
-        return (
-            (self._times[first : first + number], self._forces[first]) if first < len(self._times) else None
-        )
+        times = self._times[first : first + number]
+        return (times, self._forces[first]) if times and times[0] <= last else None
 
-    def add(self, time: float, force: Floats) -> None:
-        """Add a later time; equal vectors are stored once, without a copy."""
+    def add(self, times: Sequence[float], force: Floats) -> None:
+        """Add later times; equal vectors are stored once, without a copy."""
         last = self._forces[-1] if self._forces else force
-        self._times.append(time)
-        self._forces.append(last if force is last or np.array_equal(force, last) else force)
+        self._times += times
+        self._forces += [last if force is last or np.array_equal(force, last) else force] * len(times)
 
     def after(self, time: float) -> int:
         """Return the number of the first stop after a time [s]."""

@@ -16,7 +16,7 @@ from exunet.bodies.rotations import rotation_matrix
 from exunet.forces.corner_units import CountedThrusters, Thrusters
 from exunet.forces.law import STRETCH_BOUND
 from exunet.forces.linear_term import LinearTerm
-from exunet.forces.terms import KernelTerm
+from exunet.forces.terms import DiscreteStates, KernelTerm
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import METHODS, Kind, Plan
 from exunet.model import energy
@@ -93,10 +93,11 @@ class EnergyScale:
 
     def __init__(self, start: States) -> None:
         system = start.system
-        self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
-        outer = tuple(term for term in system.forces.kernels if not term.internal)
-        self._outer = replace(system.forces, kernels=outer)
-        self._given = any(state.gives for state in system.blocks.states)
+        forces, self._layout, self._driven = system.forces, system.layout, system.driven
+        self._outer = replace(forces, kernels=tuple(term for term in forces.kernels if not term.internal))
+        self._gathers = self._outer.has_potential
+        given = any(state.gives for state in system.blocks.states)
+        self._gains = forces.has_potential or forces.dissipates or given
         self._free, self._before = free_parts(system), system.lost_at_start
         self._system = system
         self._rest = start.x[0]
@@ -115,7 +116,7 @@ class EnergyScale:
             velocity = np.concatenate([velocity, states.bodies.velocity[:, self._driven]], axis=1)
         speeds = self._free.mean @ velocity
         kinetic = 0.5 * np.einsum("kpa,kpa,p->k", speeds, speeds, self._free.mass)
-        if not self._outer.has_potential:
+        if not self._gathers:
             return kinetic, np.zeros(len(position))
         flat = np.repeat(self._rest[None], len(position), axis=0)
         gathered = self._layout.unpack(flat, np.empty((len(position), self._layout.blocks.n_v)))
@@ -134,7 +135,7 @@ class EnergyScale:
 
         dissipated : (k,) energy dissipated until these states [J], an ejection at time 0 included
         """
-        if not (self._forces.has_potential or self._forces.dissipates or self._given):
+        if not self._gains:
             return np.zeros((3, len(states)))
         dissipated = dissipated - self._before
         kinetic, common = self._of_centres(states)
@@ -142,7 +143,7 @@ class EnergyScale:
         change = states.potential - self._potential
         done = -dissipated - (kinetic - self._common[0]) - common_change
         errors = TRANSLATION_PART * np.abs(common_change) + WORK_PART * np.abs(dissipated)
-        reels, first = self._forces.cable.reels, states.x[0]
+        reels, first = self._system.forces.cable.reels, states.x[0]
         drawn = max((reel.drawn(states.discrete, first) for reel in reels), default=0.0)
         met = np.maximum(drawn, self._at_speed_of_bodies(states))
         own = np.maximum(np.maximum(np.abs(change - common_change), done), met) + errors
@@ -155,12 +156,12 @@ class EnergyScale:
         """
         system, bodies = self._system, states.bodies
         blocks, found = system.blocks, np.zeros(len(states))
-        i, j = system.net.element_nodes.T
-        tied = system.kinematics.on_bodies(states.discrete)
         for body in np.flatnonzero(~system.moves_freely).tolist():
             speed, spin = bodies.velocity[:, body], bodies.angular_velocity[:, body]
             if not (speed.any() or spin.any()):
                 continue
+            i, j = system.net.element_nodes.T
+            tied = system.kinematics.on_bodies(states.discrete)
             turn = rotation_matrix(bodies.attitude[:, body])
             arm = (states.position - bodies.position[:, body, None]) @ turn
             near = np.zeros(arm.shape[:2], dtype=bool)
@@ -201,7 +202,8 @@ class GuardValues:
     balance, allowed : (k,) change of the energy balance since the start, and its bound [J]
     stretch          : (k,) largest stretch of an element, over the limit of its law, times STRETCH_BOUND
     speed, allowed_speed : (k,) largest speed of a node, and its bound [m/s]
-    of_bodies, allowed_of_bodies : (k,) balance and bound of the rigid bodies without a force term [J]
+    of_bodies        : (k,) balance of the rigid bodies without a force term [J]
+    allowed_of_bodies : bound of it [J]
     turned, angle, body : (k,) largest bound of the relative energy error of a free body in fixed steps (see
                `exunet.model.limits`), rotation of that body in a step [rad], its name
     round_off        : (k,) error of the balance by round-off [J]
@@ -218,15 +220,10 @@ class GuardValues:
     round_off: Floats
     gained: Floats
     of_bodies: Floats
-    allowed_of_bodies: Floats
+    allowed_of_bodies: float
     turned: Floats
     angle: Floats
     body: NDArray[np.str_]
-
-    def __getitem__(self, rows: slice) -> GuardValues:
-        """Select states."""
-        parts = {name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__}
-        return GuardValues(**parts)
 
     @property
     def wrong(self) -> NDArray[np.bool_]:
@@ -262,11 +259,9 @@ class GuardValues:
             change = "increased" if self.balance[k] > 0 else "decreased"
             words = f"the energy balance {change} by {abs(self.balance[k]):.3g} J"
             return f"{words} (allowed {self.allowed[k]:.3g} J)"
-        if not abs(self.of_bodies[k]) <= self.allowed_of_bodies[k]:
-            limit = self.allowed_of_bodies[k]
-            return (
-                f"the energy of the rigid bodies changed by {self.of_bodies[k]:.3g} J (allowed {limit:.3g} J)"
-            )
+        if not abs(self.of_bodies[k]) <= self.allowed_of_bodies:
+            words = f"the energy of the rigid bodies changed by {self.of_bodies[k]:.3g} J"
+            return f"{words} (allowed {self.allowed_of_bodies:.3g} J)"
         if self.turns_too_fast(k):
             return (
                 f"{self.body[k]} rotates by {self.angle[k]:.3g} rad a step, which may have changed its "
@@ -275,45 +270,64 @@ class GuardValues:
         return f"a node moves at {self.speed[k]:.3g} m/s (allowed {self.allowed_speed[k]:.3g} m/s)"
 
 
+class ForceSizes:
+    """Magnitudes of the forces of some terms, whose data are made anew for other discrete states."""
+
+    def __init__(
+        self, system: System, terms: tuple[KernelTerm | LinearTerm, ...], discrete: DiscreteStates
+    ) -> None:
+        kernel, self._number = term_kernel(terms), system.blocks.n_force
+        self._kernel, self._forces = kernel, kernel.module.forces
+        self._discrete, self._table = discrete, kernel.table(discrete)
+
+    def of(self, states: States) -> Floats:
+        """Compute (k, n) forces on points [N], then forces on bodies, then torques [N m]."""
+        if states.discrete is not self._discrete:
+            self._discrete, self._table = states.discrete, self._kernel.table(states.discrete)
+        force, rows = np.zeros((len(states), self._number)), self._table.rows
+        for k, time in enumerate(states.time.tolist()):
+            self._forces(time, states.x[k], states.v[k], rows, force[k])
+        return np.linalg.norm(force[:, : states.v.shape[1]].reshape(len(states), -1, 3), axis=2)
+
+
 class Guards:
-    """Bounds of a run, from its initial state."""
+    """Bounds of a run, from its initial state.
+
+    gained : (4,) energies [J] so far, see `GuardValues.gained`
+    """
 
     def __init__(self, system: System, start: State) -> None:
         now = States.of(system, start)
         self._scale = EnergyScale(now)
         mechanical, self._bodies = (float(part[0]) for part in _energies(now))
         self._start = mechanical + system.lost_at_start
-        self._gained, self._step, self._tolerance = np.zeros(4), 0.0, 0.0
+        self.gained, self._step, self._tolerance = np.zeros(4), 0.0, 0.0
         net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
         self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
         self._mass = float(system.blocks.mass.sum())
-        self._system, self._began = system, start.time
+        self._system, self._began, self._discrete = system, start.time, start.discrete
         self._turning: RotationError | None = None
 
     def explain(self, plan: Plan, polynomial: tuple[float, ...]) -> None:
         """Set the plan, and the polynomial of rotation of its method; empty without."""
         step, self._tolerance = plan.step, plan.tolerance or 0.0
         self._step = 0.0 if step is None or METHODS[plan.method].order > LOW_ORDER else step
+        forces, linear = self._system.forces, self._system.forces.linear
+        terms = forces.nonpotential if self._step or self._tolerance else ()
+        self._taking = ForceSizes(self._system, terms, self._discrete) if terms else None
+        outer = (() if linear is None else (linear,)) + tuple(k for k in forces.kernels if not k.internal)
+        self._pulling = ForceSizes(self._system, outer, self._discrete) if terms and self._tolerance else None
         rotates = step is not None and polynomial and self._system.moves_freely.any()
         self._turning = (
             RotationError(self._system, step, polynomial) if rotates and step is not None else None
         )
 
     @property
-    def gained(self) -> Floats:
-        """(4,) energies [J] so far, see `GuardValues.gained`."""
-        return self._gained
-
-    @gained.setter
-    def gained(self, values: Floats) -> None:
-        self._gained = np.array(values)
-
-    @property
     def scale(self) -> float:
         """Energy scale so far [J], of which errors are a part; 0 if most of it allows for errors."""
-        scale = float(self._scaled(self._gained))
-        errors = self._scale.errors + self._gained[2] + self._gained[3] / ENERGY_BOUND
+        scale = float(self._scaled(self.gained))
+        errors = self._scale.errors + self.gained[2] + self.gained[3] / ENERGY_BOUND
         return scale if errors < 0.5 * scale else 0.0
 
     def _scaled(self, gained: Floats) -> Floats:
@@ -335,20 +349,14 @@ class Guards:
         The bound is 3.4 times that, as u is the speed of the fastest node. Beside the tolerance, z is below
         the time between two states over T, and below 1. Cables and contact do not count.
         """
-        system, terms = self._system, self._system.forces.nonpotential
-        if not ((self._step or self._tolerance) and terms):
+        system = self._system
+        if self._taking is None:
             return np.zeros(len(rows))
         states = states[np.append(0, rows)]
-        x, v, time, shape = states.x, states.v, np.diff(states.time), (len(states), -1, 3)
-
-        def sizes(terms: tuple[KernelTerm | LinearTerm, ...]) -> Floats:
-            force = term_kernel(terms).all_forces(states.time, x, v, system.blocks.n_states, states.discrete)
-            return np.linalg.norm(force[:, : v.shape[1]].reshape(shape), axis=2)
-
-        size = sizes(terms)
-        if self._tolerance:
-            linear, kernels = system.forces.linear, (k for k in system.forces.kernels if not k.internal)
-            pull = size + sizes((*kernels,) if linear is None else (linear, *kernels))
+        v, time, shape = states.v, np.diff(states.time), (len(states), -1, 3)
+        size = self._taking.of(states)
+        if self._pulling is not None:
+            pull = size + self._pulling.of(states)
             impulse = 0.5 * time[:, None] * (pull[1:] + pull[:-1]) * (size.max(axis=0) > 0.0)
             mass, speed = np.zeros(size.shape[1]), np.linalg.norm(v.reshape(shape), axis=2)
             mass[: len(system.mass)] = system.mass
@@ -358,7 +366,7 @@ class Guards:
             z = np.fmin(longest, np.fmax(rate[1:], rate[:-1]) * time[:, None])
             return np.cumsum(OF_ADAPTIVE * fast * np.einsum("kn,kn->k", impulse, z**4))
         twice, change = size[1:] + size[:-1], np.linalg.norm(np.diff(v.reshape(shape), axis=0), axis=2)
-        every = (term.data for term in terms if isinstance(term, KernelTerm))
+        every = (term.data for term in system.forces.nonpotential if isinstance(term, KernelTerm))
         units: Any = (data for data in every if isinstance(data, Thrusters | CountedThrusters))
         for data in units:
             first = data.rate - system.blocks.n_v  # corner units, whose forces jump between these states
@@ -373,25 +381,22 @@ class Guards:
         """
         mechanical, of_bodies = _energies(states)
         balance = mechanical + dissipated - self._start
-        truncated = np.broadcast_to(self._gained[3] + truncated, len(states))
+        truncated = np.broadcast_to(self.gained[3] + truncated, len(states))
         gained = np.vstack([self._scale.gained(states, dissipated), truncated])
-        gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # ignores NaN
-        carrying = states.system.forces.cable.carrying(states.discrete)
-        # Broken elements may have any length.
-        held = states.length if carrying is None else states.length * (carrying > 0.0)
+        gained = np.fmax.accumulate(np.fmax(gained, self.gained[:, None]), axis=1)  # ignores NaN
         given = np.sqrt(2.0 * gained[1] / self._mass)
         round_off = ROUND_OFF * (np.abs(states.kinetic) + np.abs(states.potential))
         return GuardValues(
             finite=np.isfinite(balance) & states.finite,
             balance=balance,
-            allowed=allowed(self._scaled(gained)) + round_off,
-            stretch=STRETCH_BOUND * (held / states.law.longest).max(axis=1, initial=0.0),
+            allowed=ENERGY_BOUND * self._scaled(gained) + LEAST_ENERGY + round_off,
+            stretch=STRETCH_BOUND * (states.length / states.longest).max(axis=1, initial=0.0),
             speed=np.sqrt(states.squared_speed.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
             round_off=round_off,
             gained=gained,
             of_bodies=of_bodies - self._bodies,
-            allowed_of_bodies=np.full(len(states), allowed(np.asarray(self._bodies))),
+            allowed_of_bodies=ENERGY_BOUND * self._bodies + LEAST_ENERGY,
             **self._turned(states),
         )
 
@@ -406,20 +411,11 @@ class Guards:
         angle = self._turning.angle(spin)[rows, worst]
         return {"turned": errors[rows, worst], "angle": angle, "body": self._turning.names[worst]}
 
-    def accept(self, look: GuardValues, k: int) -> None:
-        """Accept state k."""
-        self._gained = look.gained[:, k]
-
 
 def _energies(states: States) -> tuple[Floats, Floats]:
     """Return the energy of everything with forces, and of the rigid bodies without, (k,) [J]."""
     alone = states.kinetic_of_bodies @ ~states.system.driven  # without prescribed bodies
     return states.kinetic - alone + states.elastic + states.potential, alone
-
-
-def allowed(scale: Floats) -> Floats:
-    """Return the bound of the energy balance [J] for an energy scale [J]."""
-    return ENERGY_BOUND * scale + LEAST_ENERGY
 
 
 def state_of_worst(system: System, state: State) -> str:
@@ -451,9 +447,8 @@ def _most_stretched(system: System, state: State) -> str:
 def beyond_table(states: States, row: int) -> str:
     """Return element, strain and remedy where a strain of a state exceeds its table most; "" if none does."""
     net, law = states.system.net, states.law
-    bound = law.longest / law.natural_length
-    carrying = states.system.forces.cable.carrying(states.discrete)
-    ends = (bound < STRETCH_BOUND) if carrying is None else (bound < STRETCH_BOUND) & (carrying > 0.0)
+    bound = states.longest / law.natural_length
+    ends = bound < STRETCH_BOUND
     stretch = states.length[row] / law.natural_length
     if law.number is None or not (stretch[ends] > bound[ends]).any():
         return ""
@@ -478,11 +473,9 @@ def where_steps_fail(states: States) -> str:
     return ACTING if forces.nonpotential else ""
 
 
-def step_advice(plan: Plan | None, where: str) -> str:
+def step_advice(plan: Plan, where: str) -> str:
     """Return cause and remedy of an error due to the steps; where: see `where_steps_fail`, or `TURNING`."""
     where = f" {where}" if where else ""
-    if plan is None:
-        return "Likely cause: steps too long. Use a smaller solver.step or an adaptive method (DOPRI5)"
     if plan.tolerance is not None:
         return (
             f"Likely cause: the tolerance {plan.tolerance:.2g} is too large{where}. "

@@ -21,11 +21,11 @@ from exunet.base.arrays import Floats
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.base.files import group_of, grouped
 from exunet.base.interrupt import postponed
-from exunet.forces.terms import Change, DiscreteStates, Seen
+from exunet.forces.terms import Change, Seen
 from exunet.integrators.events import Events, discrete_states_of
 from exunet.integrators.protocol import Arrays, IntegrationFailed, StepCounts, Stepper, Steps, StepsCollapsed
 from exunet.methods.method import Plan, finer
-from exunet.model.system import State, System
+from exunet.model.system import State
 from exunet.simulation.block import Block
 from exunet.simulation.external import ExternalInputs, Stops
 from exunet.simulation.observers import Event, Observers
@@ -33,53 +33,41 @@ from exunet.simulation.observers import Event, Observers
 _MANY = 2**31  # steps: as many as a stepper takes in one go
 _INTERVAL = 0.2  # [s] of wall time after which a run reacts to an interrupt
 Checkpoint = Callable[[], None]
-_Begin = tuple[Seen, dict[str, NDArray[Any]]]  # of steps in which conditions are watched: what `save` gave
+Make = Callable[[State, Plan], Stepper]  # a stepper at a state with a plan
 
 
 class Integration:
-    """A stepper on its way through the stops of a run, with events and observers.
+    """A stepper on its way through the stops of a run, with events and observers, from their first state.
 
-    make     : makes a stepper at a state with a plan
     retries  : how often a run that fails because of its steps goes back and on with finer ones
     together : stops that one call of the stepper may go through
     """
 
     def __init__(
-        self,
-        system: System,
-        state: State,
-        plan: Plan,
-        make: Callable[[State, Plan], Stepper],
-        observers: Observers,
-        *,
-        retries: int = 0,
-        together: int = 1,
+        self, plan: Plan, make: Make, observers: Observers, *, retries: int = 0, together: int = 1
     ) -> None:
-        self.system, self.plan, self._make, self.observers = system, plan, make, observers
+        self.plan, self._make, self.observers = plan, make, observers
         self.retries, self.spent, self.seconds = retries, StepCounts(), 0.0
-        self.external = ExternalInputs(system)
+        self.external = ExternalInputs(observers.system)
         self.acting = self.external.at_start
         self._stops, self._together, self._at_once = Stops(), together, 1
-        self._begin_at(state)
+        self._begin_at(observers.first)
 
     def _begin_at(self, state: State) -> None:
         """Begin with a new stepper at a state, with the present plan."""
         began = clock.perf_counter()
-        self.observers.explain(self.plan)
         try:
             self.stepper = self._make(state, self.plan)
         except IntegrationFailed as failure:
             raise RunStopped(f"not started: {failure}") from failure
-        self._discrete: DiscreteStates = dict(
-            state.discrete
-        )  # of states; without what steps have changed since
-        self.events = Events(self.system, self.stepper)
-        self._block = Block(self.system, state.time, *self.stepper.flat(), 16 + self._together)
-        self._before: _Begin | None = None
-        self._crossed = self._changed = False  # a condition, within the last step; discrete states, by events
+        self._discrete = state.discrete  # of states; without what steps have changed since
+        self.events = Events(self.observers.system, self.stepper)
+        self._block = Block(self.observers.system, state.time, *self.stepper.flat(), 16 + self._together)
+        self._before: tuple[Seen, Arrays] | None = None  # of steps in which conditions are watched
+        self._crossed = self._changed = False  # a condition came true; events changed discrete states
         self._to_come: list[int] = []  # numbers of steps to take without a test, the next one last
         self._let_act(self.external.at_start)
-        self.observers.built(self.stepper.items, clock.perf_counter() - began)
+        self.observers.built(self.plan, self.stepper.items, clock.perf_counter() - began)
 
     @property
     def counts(self) -> StepCounts:
@@ -98,15 +86,13 @@ class Integration:
 
         Raises RunStopped if the run fails and no retry is left, Interrupted on Ctrl-C.
         """
+        # Later stops are those of a `go` that this one is called in.
         stops, last = self._stops, times[-1] if times else self.stepper.time
-        for time in times:
-            stops.add(time, self.acting)
+        stops.add(times, self.acting)
         try:
             while True:
                 began = clock.perf_counter()
-                ahead = None if self.events.stopped else stops.next(self.stepper.time, self._at_once)
-                if ahead is not None and ahead[0][0] > last:  # of a `go` that this one is called in
-                    ahead = None
+                ahead = None if self.events.stopped else stops.next(self.stepper.time, last, self._at_once)
                 if ahead is None and not settle:
                     break
                 try:
@@ -117,7 +103,7 @@ class Integration:
                         self.act(ahead[1])
                         self._advance(ahead[0], check_interrupt)
                 except (RunStopped, IntegrationFailed) as failure:
-                    self._retry(self._failure(failure))
+                    self._retry(failure)
                     continue
                 except KeyboardInterrupt:
                     raise self.interrupted() from None
@@ -139,20 +125,17 @@ class Integration:
     def _advance(self, times: list[float], check_interrupt: Checkpoint) -> None:
         """Step to the next stop, or through some, and let events happen on the way."""
         until, events, stepper, self._changed = times[-1], self.events, self.stepper, False
-        if events.is_due(stepper.time):
+        if events.any and events.is_due(stepper.time):
             self._happen()
-        time = stepper.time
-        while time < until and not events.stopped:
-            target = events.next_instant(time, until)
+        while stepper.time < until and not events.stopped:
+            target = events.next_instant(stepper.time, until)
             self._step(times if target == until else [target], until)
-            self._happen()
-            if (time := stepper.time) < until:
+            if events.any:
+                self._happen()
+            if stepper.time < until:
                 check_interrupt()
         if self._changed and not self._block.remember(kept := events.kept):
             self.observers.changed_at(stepper.time, self._discrete, kept)
-        if not self._block.finite:
-            self._flush()
-        self.observers.arrived()
         check_interrupt()
 
     # Steps and events
@@ -163,20 +146,17 @@ class Integration:
         Of several steps in one of which a condition that is watched comes true, those before it are taken
         again, then that step alone, which is made to end there.
         """
-        events, stepper = self.events, self.stepper
-        if not events.watches:
-            self._before = None
-            self._add(stepper.step(times, None, self._ends if events.any else None), until)
-            return
-        most = self._to_come.pop() if self._to_come else _MANY
-        before = self._before = self._begin()
-        self._crossed = False
-        steps = stepper.step(times, most, self._ends)
+        events, most = self.events, None
+        self._before, self._crossed = None, False
+        if events.watches:
+            most = self._to_come.pop() if self._to_come else _MANY
+            self._begin()
+        steps = self.stepper.step(times, most, self._ends if events.any else None)
         if steps.watched is not None and len(steps.watched.time):
             first = events.comes_true(steps.watched)
             if first is not None and most != 1:
                 self._to_come = [1, first] if first else [1]
-                self._take_back(before)
+                self._take_back()
                 return
             self._crossed = first is not None
         if self._crossed:
@@ -187,47 +167,45 @@ class Integration:
     def _ends(self) -> bool:
         """At the end of an accepted step: True if a condition came true within it, or an event is due."""
         if self._before is not None:
-            now = self.events.now()
-            target = self.events.crossing(self._before[0], now)
+            target = self.events.crossing(self._before[0])
             if target is not None and target < self.stepper.time:
                 self._crossed = True
                 return True
-            self.events.steps_done(now)
-            self._before = self._begin()
+            self._begin()
         return self.events.happen()
 
-    def _begin(self) -> _Begin:
-        return self.events.now(), self.stepper.save()
+    def _begin(self) -> None:
+        """Begin steps in which conditions are watched."""
+        self._before = self.events.now(), self.stepper.save()
 
-    def _take_back(self, before: _Begin) -> None:
+    def _take_back(self) -> None:
         """Go back to the beginning of steps; the last counts as rejected."""
-        self.stepper.load(before[1], self.stepper.counts.rejected + 1)
+        assert self._before is not None
+        self.stepper.load(self._before[1], self.stepper.counts.rejected + 1)
 
     def _locate(self, steps: Steps, until: float) -> None:
         """Make the last step end where a condition comes true in it; steps that end before are accepted."""
-        before, beyond, everywhere = self._before, math.inf, steps.watched is None
-        assert before is not None
+        beyond, everywhere = math.inf, steps.watched is None
         self._add(steps._replace(states=steps.states[:-1], extremes=None), until)
         taken = [steps._replace(states=steps.states[-1:])]
         while True:
-            now = self.events.now()
-            target = self.events.crossing(before[0], now)
+            assert self._before is not None
+            target = self.events.crossing(self._before[0])
             if target is not None and target < self.stepper.time:
                 beyond, taken = self.stepper.time, []
-                self._take_back(before)
+                self._take_back()
             else:
-                self.events.steps_done(now)
                 for part in taken:
                     self._add(part, until)
                 # A stepper that tests each step goes on by itself; others go on to where it had come true.
-                if target is not None or everywhere or not self.stepper.time < beyond < math.inf:
+                goes_on = target is None and not everywhere and self.stepper.time < beyond < math.inf
+                if not (goes_on and self.events.watches):
                     return
-                if not self.events.watches:
-                    return
-                before, target, taken = self._begin(), beyond, []
+                self._begin()
+                target, taken = beyond, []
             while self.stepper.time < target:
                 part = self.stepper.step([target], 1)
-                taken.append(part._replace(states=part.states[np.arange(len(part.states))]))  # a copy
+                taken.append(part._replace(states=part.states.copy()))
 
     def _add(self, steps: Steps, until: float) -> None:
         """Add accepted steps to the block; a state at a stop is marked, and each where stops go together."""
@@ -236,13 +214,13 @@ class Integration:
         while at < number:
             first = block.rows
             at = block.add(states, at)
-            wrong = False
+            ends = block.rows == block.room or self._together > 1
             if self._together > 1:
                 block.mark({}, first)
             elif at == number and states.time[-1] == until:
                 block.mark(kept := self.events.kept)
-                wrong = bool(kept) and self.observers.finds_wrong(kept)
-            if wrong or self._together > 1 or block.rows == block.room:
+                ends = ends or not block.finite or self.observers.finds_wrong(kept)
+            if ends:
                 self._flush()
 
     def _flush(self) -> None:
@@ -252,27 +230,24 @@ class Integration:
 
     def _happen(self) -> None:
         """Let what is due happen, twice where an event changes a state: it may make another due."""
-        stepper = self.stepper
-        acts = self.events.any
         for _ in range(2):
-            if not acts:
-                return
             acts = False
-            x, v = stepper.flat()
-            for name, change in self.events.at(stepper.time, x, v):
-                discrete = {**stepper.discrete, **discrete_states_of(name, change)}
-                self._changed = True
-                if change.quiet:
-                    stepper.change(change, discrete)
-                    continue
-                acts = True
-                self._apply(name, change, discrete)
+            x, v = self.stepper.flat()
+            for name, change in self.events.at(self.stepper.time, x, v):
+                self._changed, acts = True, acts or not change.quiet
+                self._apply(name, change)
                 for held, new in ((x, change.x), (v, change.v)):
                     if new is not None:
                         held[:] = new
+            if not acts:
+                return
 
-    def _apply(self, name: str, change: Change, discrete: DiscreteStates) -> None:
-        """Apply an event, once observers have seen all states before it."""
+    def _apply(self, name: str, change: Change) -> None:
+        """Apply an event; unless it is quiet, once observers have seen all states before it."""
+        discrete = {**self.stepper.discrete, **discrete_states_of(name, change)}
+        if change.quiet:
+            self.stepper.change(change, discrete)
+            return
         block, kept, time = self._block, self.events.kept, self.stepper.time
         if block.time != time:
             block.put(time, *self.stepper.flat())
@@ -286,10 +261,8 @@ class Integration:
 
     # Going back
 
-    def _failure(self, failure: RunStopped | IntegrationFailed) -> RunStopped:
+    def _failure(self, failure: IntegrationFailed) -> RunStopped:
         """Return the error for a stepper that failed: of its last states, else its own."""
-        if isinstance(failure, RunStopped):
-            return failure
         try:
             if failure.steps is not None:
                 self._add(failure.steps, math.nan)
@@ -298,8 +271,9 @@ class Integration:
             return stop
         return self.observers.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
 
-    def _retry(self, stop: RunStopped) -> None:
+    def _retry(self, failure: RunStopped | IntegrationFailed) -> None:
         """Go back to the last safe state with finer steps; raise the error if no retry is left."""
+        stop = failure if isinstance(failure, RunStopped) else self._failure(failure)
         plan = finer(self.plan) if stop.step_cause and self.retries else None
         if plan is None:
             self._end()
@@ -312,33 +286,27 @@ class Integration:
         self.spent = self.spent + self.stepper.counts
         self._begin_at(self.observers.back_to_safe())
 
-    def _end(self) -> None:
+    def _end(self) -> float:
         """End a run at its last stored state; one that stores nothing is then at its last safe state."""
-        if self.observers.record is None:
-            self._go_back()
-        else:
-            self.observers.back_to_stored()
+        if self.observers.stores:
+            return self.observers.back_to_stored().time
+        self._go_back()
+        return self.stepper.time
 
     def interrupted(self) -> Interrupted:
         """Return the error for Ctrl-C, with the last checked time, and end the run there."""
         with suppress(RunStopped):  # observers have the last valid state
             self._flush()
-        self._end()
-        if self.observers.record is not None:
-            return Interrupted(f"interrupted after t = {self.observers.record.until:.6g} s")
-        return Interrupted(
-            f"interrupted; the simulation is at its last valid state, t = {self.stepper.time:.6g} s"
-        )
+        return Interrupted(f"interrupted after t = {self._end():.6g} s")
 
     # External forces, snapshots
 
     def act(self, acting: Floats) -> None:
         """Set external forces and inputs from now on (see `ExternalInputs`)."""
-        if acting is self.acting or np.array_equal(acting, self.acting):
-            return
-        self._flush()
-        before, self.acting = self.acting, acting
-        self._let_act(before)
+        if acting is not self.acting and not np.array_equal(acting, self.acting):
+            self._flush()
+            before, self.acting = self.acting, acting
+            self._let_act(before)
 
     def _let_act(self, before: Floats) -> None:
         force, inputs = self.external.forces(self.acting), self.external.inputs(self.acting)

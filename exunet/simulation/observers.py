@@ -16,7 +16,7 @@ from exunet.base.files import group_of, grouped
 from exunet.base.run_events import RunEvent, ScriptEvent, tagged, untagged
 from exunet.forces.contact.status import TooFast
 from exunet.forces.terms import Change, DiscreteStates
-from exunet.integrators.protocol import Arrays, IntegrationFailed, Largest
+from exunet.integrators.protocol import Arrays, IntegrationFailed
 from exunet.kernels.kernel import term_kernel
 from exunet.methods.method import Plan, turning_polynomial
 from exunet.model.states import States
@@ -59,6 +59,12 @@ class Observer:
     def changed(self, event: Event) -> None:
         """See an event; no states before and after it come together."""
 
+    def built(self, plan: Plan, items: dict[str, int], seconds: float) -> None:
+        """See the plan of the run from now on, and the items of its engine, built in a time [s]."""
+
+    def retried(self, stopped: str, time: float, plan: Plan) -> None:
+        """See why the run goes on from an earlier state at a time [s] with a finer plan."""
+
     def save(self) -> dict[str, NDArray[Any]]:
         """Return copies of all that changes, for a snapshot and for a run that goes back."""
         return {}
@@ -77,6 +83,7 @@ class RunningExtremes(Observer):
     A snap may be shorter than the time between two stored states, which then do not show it.
 
     stores    : energies and tensions of each element are wanted
+    largest   : (n_groups, 3) see `Extremes`
     intervals : (m, 2) largest elastic and least kinetic energy [J] of the intervals that end at the marks of
                 the states seen last
     elements  : (n_elements,) largest tensions [N]
@@ -84,32 +91,27 @@ class RunningExtremes(Observer):
 
     def __init__(self, system: System, *, stores: bool = False) -> None:
         self._groups, self._stores = dict(system.net.spans), stores
-        self.largest = [Largest(0.0, 0.0, -1) for _ in self._groups]
+        self.largest = np.tile([0.0, 0.0, -1.0], (len(self._groups), 1))
         self.elements = np.zeros(system.net.n_elements if stores else 0)
         self._energies = np.array([0.0, np.inf])
         self.intervals = np.zeros((0, 2))
 
     def observe(self, steps: Observed) -> None:
         states, tension = steps.states, steps.states.tension
-        for seen in steps.extremes:
-            if seen is not None:
-                self._take(seen.largest)
+        last = next((seen for seen in reversed(steps.extremes) if seen is not None), None)
         for k, group in enumerate(self._groups.values()):
+            if last is not None and last.largest[k, 0] > self.largest[k, 0]:
+                self.largest[k] = last.largest[k]
             own = tension[:, group.start : group.stop]
             largest = own.max(axis=1, initial=0.0)
             row = int(np.argmax(largest))
-            if largest[row] > self.largest[k].tension:
-                element = group.start + int(np.argmax(own[row]))
-                self.largest[k] = Largest(float(largest[row]), float(states.time[row]), element)
+            if largest[row] > self.largest[k, 0]:
+                self.largest[k] = largest[row], states.time[row], group.start + np.argmax(own[row])
         if self._stores:
-            last = next((seen.of_elements for seen in reversed(steps.extremes) if seen is not None), 0.0)
-            self.elements = np.maximum(self.elements, np.maximum(tension.max(axis=0), last))
+            self.elements = np.maximum(self.elements, tension.max(axis=0))
+            if last is not None:
+                self.elements = np.maximum(self.elements, last.of_elements)
             self._observe_energies(steps)
-
-    def _take(self, largest: tuple[Largest, ...]) -> None:
-        for k, new in enumerate(largest):
-            if new.tension > self.largest[k].tension:
-                self.largest[k] = new
 
     def _observe_energies(self, steps: Observed) -> None:
         """Close the interval of each mark; both states at its ends belong to it."""
@@ -121,24 +123,25 @@ class RunningExtremes(Observer):
         found[0] = max(largest[0], self._energies[0]), min(least[0], self._energies[1])
         for row, seen in zip(found, steps.extremes, strict=False):
             if seen is not None:
-                row[:] = max(row[0], seen.elastic), min(row[1], seen.kinetic)
+                row[:] = max(row[0], seen.energies[0]), min(row[1], seen.energies[1])
         self.intervals, self._energies = found[:-1], found[-1]
 
     def save(self) -> dict[str, NDArray[Any]]:
         return {
-            "largest": np.array(self.largest, dtype=float).reshape(-1, 3),
+            "largest": self.largest.copy(),
             "elements": self.elements.copy(),
             "energies": self._energies.copy(),
         }
 
     def load(self, arrays: Arrays) -> None:
-        self.largest = [Largest(a, b, int(element)) for a, b, element in arrays["largest"].tolist()]
-        if self._stores:
-            self.elements, self._energies = np.array(arrays["elements"]), np.array(arrays["energies"])
+        self.largest, self.elements, self._energies = (
+            np.array(arrays[name]) for name in ("largest", "elements", "energies")
+        )
 
     def of_groups(self) -> dict[str, Peak]:
         """Return the largest tension of each group, by name."""
-        return {name: Peak(*peak) for name, peak in zip(self._groups, self.largest, strict=True)}
+        largest = zip(self._groups, self.largest.tolist(), strict=True)
+        return {name: Peak(tension, time, int(element)) for name, (tension, time, element) in largest}
 
 
 class EventLog(Observer):
@@ -188,9 +191,10 @@ class EnergyBalance(Observer):
     dissipated : energy dissipated so far [J], without the work of prescribed bodies and drives
     """
 
+    _plan: Plan
+
     def __init__(self, system: System, state: State, *, every: int = STATES_A_LOOK) -> None:
         self._system, self._every = system, every
-        self._plan: Plan | None = None
         self._guards = Guards(system, state)
         self._external: Floats | None = None
         discrete_states = (term.discrete for term in system.forces.discrete_states)
@@ -210,8 +214,7 @@ class EnergyBalance(Observer):
         """Energy scale of the guards [J]."""
         return self._guards.scale
 
-    def explain(self, plan: Plan) -> None:
-        """Set the plan of the run from now on, for the guards and their messages."""
+    def built(self, plan: Plan, items: dict[str, int], seconds: float) -> None:
         self._plan = plan
         self._guards.explain(plan, turning_polynomial(plan.method, plan.backend))
 
@@ -242,7 +245,7 @@ class EnergyBalance(Observer):
         return {"gained": self._guards.gained.copy(), "balance": np.array(own)}
 
     def load(self, arrays: Arrays) -> None:
-        self._guards.gained = arrays["gained"]
+        self._guards.gained = np.array(arrays["gained"])
         self.dissipated, self._base, drifted = map(float, arrays["balance"])
         self._drifted = bool(drifted)
 
@@ -257,15 +260,12 @@ class EnergyBalance(Observer):
 
     def why_wrong(self, discrete: DiscreteStates) -> str:
         """Return why a run must stop with discrete states that steps have changed; "": it need not."""
-        return next((words for name in discrete if (words := self._wrong_of(name, discrete))), "")
-
-    def _wrong_of(self, name: str, discrete: DiscreteStates) -> str:
-        check = self._wrong.get(name)
-        return "" if check is None else check(discrete[name])
+        checks = ((self._wrong[name], discrete[name]) for name in discrete if name in self._wrong)
+        return next((words for check, values in checks if (words := check(values))), "")
 
     def judge(self, steps: Observed) -> Judged:
         """Check states by the guards."""
-        for k, discrete in enumerate(steps.discrete_states):
+        for k, discrete in enumerate(steps.discrete_states if self._wrong else ()):
             if words := self.why_wrong(discrete):  # states until the mark before are valid
                 before = steps.marks[k - 1] if k else 0
                 found = self._judge(steps.between(0, before)) if before else Judged(1, [])
@@ -277,13 +277,11 @@ class EnergyBalance(Observer):
         states, dissipated, marks = steps.states, steps.dissipated, np.array(steps.marks, dtype=np.int64)
         with np.errstate(all="ignore"):  # the guards check for overflow
             # The longest element is checked in every state: its peak may last for a single one.
-            too_long = (states.length > self._longest(states.discrete)).any()
+            too_long = (states.length > states.longest).any()
             every = np.append(np.arange(self._every, len(states) - 1, self._every), len(states) - 1)
             rows = np.union1d(every, marks)
-            # Contiguous rows are not copied.
-            part = slice(rows[0], rows[-1] + 1) if rows[-1] - rows[0] == len(rows) - 1 else rows
             truncated = self._guards.truncated(states, every)[np.searchsorted(every, rows)]
-            values = self._guards.look(states[part], dissipated[part], truncated)
+            values = self._guards.look(states[rows], dissipated[rows], truncated)
             bad = len(states)
             if too_long or values.wrong.any():  # then all states are checked
                 rows = np.arange(len(states))
@@ -292,15 +290,9 @@ class EnergyBalance(Observer):
                     bad = int(np.argmax(values.wrong))
             accepted = int(np.searchsorted(rows, bad))
             if accepted:
-                self._guards.accept(values, accepted - 1)
+                self._guards.gained = values.gained[:, accepted - 1]
             safe = self._safe(values, rows, marks[marks < bad])
         return Judged(bad, safe, self._stop(states, values, bad) if bad < len(states) else None)
-
-    def _longest(self, discrete: DiscreteStates) -> Floats:
-        """(n_elements,) largest valid lengths [m]; infinite of broken elements."""
-        cable = self._system.forces.cable
-        carrying = cable.carrying(discrete)
-        return cable.law.longest if carrying is None else np.where(carrying, cable.law.longest, np.inf)
 
     def _safe(self, values: GuardValues, rows: NDArray[np.int64], marks: NDArray[np.int64]) -> list[int]:
         """Return the marks until the energy balance drifts, for good."""
@@ -330,26 +322,6 @@ class EnergyBalance(Observer):
         )
 
 
-class StoringObserver(Observer):
-    """Observer that stores marked states, and what happens to a run."""
-
-    stores_energies: bool  # of all steps
-
-    @property
-    def until(self) -> float:
-        """The last stored time [s]."""
-        raise NotImplementedError
-
-    def built(self, items: dict[str, int], seconds: float) -> None:
-        """Record the items of the engine and the time of their construction [s]."""
-
-    def retried(self, stopped: str, time: float, plan: Plan) -> None:
-        """Record that the run goes on from an earlier state with a finer plan."""
-
-    def flush(self, *, all_of_them: bool = True) -> None:
-        """Append the states that wait."""
-
-
 class Saved(NamedTuple):
     """A state to which a run may go back, and what its observers saved there."""
 
@@ -358,28 +330,18 @@ class Saved(NamedTuple):
 
 
 class Observers:
-    """Observers of a run from its initial state, which see blocks of states; where a run may go back to.
+    """Observers of a run from its first state, which see blocks of states; where a run may go back to.
 
-    own     : by name
-    balance : energy balance and guards, the first observer; None: no state is checked
-    record  : stores marked states, the last observer; None: nothing is stored
+    own     : by name, in order; "record" stores marked states
+    balance : energy balance and guards; None: no state is checked
+    stores  : one of the observers is a record
     safe    : the last state from which a failed run may go on with finer steps
     stored  : the last marked state
     """
 
-    def __init__(
-        self,
-        system: System,
-        state: State,
-        own: Mapping[str, Observer],
-        balance: EnergyBalance | None = None,
-        record: StoringObserver | None = None,
-    ) -> None:
-        self._system = system
-        self.balance, self.record = balance, record
-        first: dict[str, Observer] = {} if balance is None else {"balance": balance}
-        last: dict[str, Observer] = {} if record is None else {"record": record}
-        self._all = {**first, **own, **last}
+    def __init__(self, system: System, state: State, own: Mapping[str, Observer]) -> None:
+        self.system, self.first, self._all, self.stores = system, state, own, "record" in own
+        self.balance = next((each for each in own.values() if isinstance(each, EnergyBalance)), None)
         self._last = States.of(system, state)
         self.safe = self.stored = self._saved(self._last, 0, {})
 
@@ -394,10 +356,10 @@ class Observers:
 
     def start(self) -> None:
         """Show the first state as a marked one, with discrete states as after a step that ends there."""
-        first, kernels = self._last, self._system.forces.kernels
+        first, kernels = self._last, self.system.forces.kernels
         kept = dict(first.discrete)
         if any(term.discrete is not None and term.discrete.series for term in kernels):
-            (time,), (x,), (v,), size = first.time, first.x, first.v, self._system.blocks.n_force
+            (time,), (x,), (v,), size = first.time, first.x, first.v, self.system.blocks.n_force
             kept |= term_kernel(kernels).remembered(time, x, v, size, first.discrete)
         dissipated = np.array([0.0 if self.balance is None else self.balance.dissipated])
         self._observe(Observed(first, [0], [kept], [None], dissipated))
@@ -407,8 +369,8 @@ class Observers:
         """Show states, split where the run may go back to; raise RunStopped at one that is not valid."""
         judged, last = Judged(len(steps.states), steps.marks), len(steps.states) - 1
         with np.errstate(all="ignore"):
-            if self.record is not None and self.record.stores_energies:
-                steps.states.elastic, steps.states.kinetic  # noqa: B018 - of all, which parts then have
+            if 2 * len(steps.marks) > last:  # then of all, which parts then have
+                steps.states.elastic, steps.states.kinetic, steps.states.potential  # noqa: B018
             if self.balance is not None:
                 steps = steps._replace(dissipated=self.balance.until_each(steps.states))
                 judged = self.balance.judge(steps)
@@ -435,7 +397,7 @@ class Observers:
         change, last = event.change, self._last
         x = last.x if change.x is None else change.x[None]
         v = last.v if change.v is None else change.v[None]
-        self._last = States(self._system, last.time, x, v, discrete)
+        self._last = States(self.system, last.time, x, v, discrete)
         for observer in self._all.values():
             observer.changed(event._replace(after=self._last))
         self.changed_at(event.time, discrete, kept)
@@ -451,11 +413,6 @@ class Observers:
         own = {name: observer.save() for name, observer in self._all.items()}
         return Saved(replace(state, discrete={**state.discrete, **discrete}), own)
 
-    def explain(self, plan: Plan) -> None:
-        """Set the plan of the run from now on."""
-        if self.balance is not None:
-            self.balance.explain(plan)
-
     def set_external_force(self, force: Floats) -> None:
         """Set external forces (n_points, 3) [N]."""
         if self.balance is not None:
@@ -463,7 +420,7 @@ class Observers:
 
     def finds_wrong(self, discrete: DiscreteStates) -> bool:
         """Return True if a run must stop with discrete states that steps have changed."""
-        return self.balance is not None and bool(self.balance.why_wrong(discrete))
+        return bool(discrete) and self.balance is not None and bool(self.balance.why_wrong(discrete))
 
     def engine_failed(self, failure: IntegrationFailed, *, step_cause: bool) -> RunStopped:
         """Return the error for a stepper that failed; raise the stepper's own where no state is checked."""
@@ -471,36 +428,32 @@ class Observers:
             raise failure
         return self.balance.engine_failed(failure, step_cause=step_cause)
 
-    def built(self, items: dict[str, int], seconds: float) -> None:
-        """Record the items of an engine and the time of their construction [s]."""
-        if self.record is not None:
-            self.record.built(items, seconds)
-
-    def arrived(self) -> None:
-        """Record the states that wait, if they are many."""
-        if self.record is not None:
-            self.record.flush(all_of_them=False)
+    def built(self, plan: Plan, items: dict[str, int], seconds: float) -> None:
+        """Show the plan from now on, and the items of its engine, built in a time [s]."""
+        for observer in self._all.values():
+            observer.built(plan, items, seconds)
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
-        """Record a retry."""
-        if self.record is not None:
-            self.record.retried(stopped, time, plan)
+        """Show a retry."""
+        for observer in self._all.values():
+            observer.retried(stopped, time, plan)
 
     def back_to_safe(self) -> State:
         """Go back to the safe state, where another stepper begins."""
-        self._back_to(self.safe)
+        state = self._back_to(self.safe)
         if self.balance is not None:
-            self.balance.begin(self.safe.state)
-        return self.safe.state
+            self.balance.begin(state)
+        return state
 
-    def back_to_stored(self) -> None:
+    def back_to_stored(self) -> State:
         """Go back to the last stored state, at which a run ends."""
-        self._back_to(self.stored)
+        return self._back_to(self.stored)
 
-    def _back_to(self, saved: Saved) -> None:
+    def _back_to(self, saved: Saved) -> State:
         for name, observer in self._all.items():
             observer.load(saved.observers[name])
-        self._last = States.of(self._system, saved.state)
+        self._last = States.of(self.system, saved.state)
+        return saved.state
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Return copies of all, each name with its group before it."""
@@ -522,6 +475,6 @@ class Observers:
             return Saved(state, {name: group_of(f"{which}:{name}", arrays) for name in self._all})
 
         self.safe, self.stored = saved("safe"), saved("stored")
-        self._last = States.of(self._system, State.from_arrays(group_of("last", arrays)))
+        self._last = States.of(self.system, State.from_arrays(group_of("last", arrays)))
         for name, observer in self._all.items():
             observer.load(group_of(name, arrays))

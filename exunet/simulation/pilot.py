@@ -176,7 +176,7 @@ def _error(plan: Plan, system: System, state: State, times: Floats, kernel: Kern
     def make(state: State, plan: Plan) -> CompiledStepper:
         return CompiledStepper(system, state, plan, kernel)
 
-    run = Integration(system, state, plan, make, Observers(system, state, {"balance": balance}))
+    run = Integration(plan, make, Observers(system, state, {"balance": balance}))
     try:
         run.go(times[1:].tolist(), run.settle)
     except (RunStopped, IntegrationFailed):
@@ -206,7 +206,7 @@ class _Balance(Observer):
         now = steps.states[-1:]
         assert now.taken is not None  # the compiled loop sums it
         look = self._guards.look(now, self._left + now.taken - now.given_work)
-        self._guards.accept(look, 0)
+        self._guards.gained = look.gained[:, 0]
         off = float(abs(look.balance[0] + look.of_bodies[0]))
         if off <= look.round_off[0]:
             return

@@ -41,7 +41,7 @@ from exunet.model.limits import (
     step_faults,
     within_floats,
 )
-from exunet.model.system import State, System
+from exunet.model.system import OF_BODY, State, System
 from exunet.net.arrays import Net
 from exunet.results.io import RESULT_FILE, load_result
 from exunet.results.loads import broken_at, released_at
@@ -123,7 +123,7 @@ def _state(result: Result, row: int, path: Path) -> Restart:
         )
     bodies = {}
     for name, body in result.bodies.items():
-        parts = (getattr(body, name)[row : row + 1][0] for name in _OF_BODY)
+        parts = (getattr(body, name)[row : row + 1][0] for name in OF_BODY)
         assert body.inertia is not None
         bodies[name] = RestartBody(body.mass, body.inertia, *(np.array(part) for part in parts))
     states = {name: np.array(state.values[row : row + 1][0]) for name, state in result.states.items()}
@@ -132,9 +132,6 @@ def _state(result: Result, row: int, path: Path) -> Restart:
     releases = _releases(run, time)
     broken = tuple(element for element, when in broken_at(result).items() if when <= time)
     return Restart(where, result.net, place, speed, bodies, states, broken, releases)
-
-
-_OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 
 def _releases(run: RunRecord, time: float) -> dict[str, bool]:

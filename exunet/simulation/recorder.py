@@ -58,8 +58,8 @@ from exunet.simulation.observers import (
     EnergyBalance,
     Event,
     EventLog,
+    Observer,
     RunningExtremes,
-    StoringObserver,
 )
 from exunet.simulation.preparation import Start
 
@@ -143,7 +143,7 @@ class _Waiting(NamedTuple):
     discrete_states: list[DiscreteStates]
 
 
-class Recorder(StoringObserver):
+class Recorder(Observer):
     """Record of a run over all its attempts: marked states as rows, and what the result has beside them.
 
     times    : (n,) of the states to be stored [s]
@@ -169,9 +169,8 @@ class Recorder(StoringObserver):
         self.extremes = RunningExtremes(start.system, stores=stores_energies)
         self.balance, self.log = EnergyBalance(start.system, start.state, every=every), EventLog(start.system)
         self._series = series_of(start.system)
-        self.rows: RowStore = (
-            MemoryStore(columns_of(start.system, stores_energies=stores_energies)) if store is None else store
-        )
+        columns = columns_of(start.system, stores_energies=stores_energies)
+        self.rows: RowStore = MemoryStore(columns, len(self.times)) if store is None else store
         row_bytes = sum(column.row_bytes for column in self.rows.columns)
         self._batch = max(1, min(_BATCH, _BATCH_BYTES // max(1, row_bytes)))
         self.record = replace(initial_record(start), case=case or CaseText())
@@ -196,6 +195,8 @@ class Recorder(StoringObserver):
     def observe(self, steps: Observed) -> None:
         """Store the marked states."""
         if steps.marks:
+            if self._n_waiting >= self._batch:
+                self.flush()
             rows = np.array(steps.marks)
             states, dissipated = steps.states[rows], steps.dissipated[rows]
             self._waiting.append(_Waiting(states, dissipated, self.extremes.intervals, steps.discrete_states))
@@ -232,12 +233,13 @@ class Recorder(StoringObserver):
         stored = (self.rows.read(f"energy/{name}", number - 1, number) for name in _LAST)
         self._last = np.stack(list(stored), axis=-1) if number else np.zeros((0, 2))
 
-    def flush(self, *, all_of_them: bool = True) -> None:
+    def flush(self) -> None:
         """Append the states that wait as one batch."""
-        if not self._waiting or (not all_of_them and self._n_waiting < self._batch):
-            return
         parts = [self._rows(waiting) for waiting in self._waiting]
-        self.rows.append({path: np.concatenate([part[path] for part in parts]) for path in parts[0]})
+        if len(parts) > 1:
+            parts = [{path: np.concatenate([part[path] for part in parts]) for path in parts[0]}]
+        for rows in parts:
+            self.rows.append(rows)
         self._waiting.clear()
 
     def _rows(self, waiting: _Waiting) -> dict[str, Floats]:
@@ -277,8 +279,7 @@ class Recorder(StoringObserver):
             rows[f"{STATES}{series.key}"] = np.array([discrete[name][own] for discrete in discrete_states])
         return rows
 
-    def built(self, items: dict[str, int], seconds: float) -> None:
-        """Record the items of the engine and the time of their construction [s]."""
+    def built(self, plan: Plan, items: dict[str, int], seconds: float) -> None:
         cost = replace(self.record.cost, build_seconds=self.record.cost.build_seconds + seconds)
         self.record = replace(self.record, items=items, cost=cost)
 
@@ -295,7 +296,6 @@ class Recorder(StoringObserver):
         self.record = replace(self.record, cost=cost)
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
-        """Record that the run goes on from an earlier state with a finer plan."""
         setting = f"tolerance {plan.tolerance:.3g}" if plan.step is None else f"step {plan.step:.3g}"
         note = f"retried from t = {time:.6g} s with {setting}: {stopped.split(';')[0]}"
         before = self._start.plan if self.record.plan is None else self.record.plan
@@ -394,11 +394,6 @@ def _winch(start: Start) -> WinchLimits | None:
         if entry.drive == CLOSING and entry.do != "set"
     ]
     return WinchLimits(line.length - line.shortest, max(forces, default=None), commands)
-
-
-def fixed_nodes(system: System) -> dict[str, NDArray[np.int64] | None]:
-    """Return the nodes that are fixed to each rigid body for good, by its name; None: no node."""
-    return {body.name: _fixed_to(system, k) for k, body in enumerate(system.bodies)}
 
 
 def _carried(start: Start) -> Carried | None:

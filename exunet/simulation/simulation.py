@@ -25,7 +25,7 @@ from exunet.integrators import stepper_of
 from exunet.integrators.protocol import StepCounts, Stepper
 from exunet.methods.method import Method, Plan
 from exunet.model.states import States
-from exunet.model.system import Moving, State
+from exunet.model.system import OF_BODY, Moving, State
 from exunet.net.closing import NAME, LineThroughRings
 from exunet.net.drive import command_of, too_fast
 from exunet.net.tether import ReeledTether
@@ -145,17 +145,17 @@ class Simulation:
             if recorder is None
             else (recorder.balance, recorder.log, recorder.extremes)
         )
-
-        own: dict[str, Observer] = {"log": self.log, "extremes": self.extremes}
+        own: dict[str, Observer] = {"balance": self.balance, "log": self.log, "extremes": self.extremes}
         own |= {name: resolve_name(path)(start.system, start.state) for name, path in OBSERVERS.items()}
-        observers = Observers(start.system, start.state, own, self.balance, recorder)
+        own |= {} if recorder is None else {"record": recorder}
+        observers = Observers(start.system, start.state, own)
         shows = {"elements": recorder is not None, "every_step": observers.every_step}
 
         def make(state: State, plan: Plan) -> Stepper:
             return stepper_of(start.system, state, plan, **shows)
 
         retries = start.scene.solver.retry
-        self.run = Integration(start.system, start.state, start.plan, make, observers, retries=retries)
+        self.run = Integration(start.plan, make, observers, retries=retries)
         self._control: ActiveController | None = None
         if recorder is not None and not len(recorder):
             observers.start()
@@ -234,7 +234,7 @@ class Simulation:
         now, system = self.state, self._start.system
         framed = in_frames(system.bodies, now.bodies)
         return {
-            body.name: BodyState(*(getattr(framed, name)[k] for name in _OF_BODY))
+            body.name: BodyState(*(getattr(framed, name)[k] for name in OF_BODY))
             for k, body in enumerate(system.bodies)
         }
 
@@ -307,9 +307,7 @@ class Simulation:
 
         Its work counts in the energy balance as input.
         """
-        acting = self.run.external.with_force(self.run.acting, on, force)
-        self.settle()
-        self.run.act(acting)
+        self._act(self.run.external.with_force(self.run.acting, on, force))
 
     @property
     def inputs(self) -> dict[str, Floats]:
@@ -321,9 +319,7 @@ class Simulation:
 
         Its work counts in the energy balance, by the power of the force that reads it.
         """
-        acting = self.run.external.with_input(self.run.acting, name, values)
-        self.settle()
-        self.run.act(acting)
+        self._act(self.run.external.with_input(self.run.acting, name, values))
 
     def command(self, tether: str, mode: str, rate: float | None = None, force: float | None = None) -> None:
         """Command the reel of a tether, or the winch of a closing line ("closing"), as in a case.
@@ -382,7 +378,9 @@ class Simulation:
 
     def repeat_changes(self, then: Floats, now: Floats) -> None:
         """Set each force and input that differs between two arrays of `acting` to the value of the second."""
-        acting = self.run.external.with_changes(self.run.acting, then, now)
+        self._act(self.run.external.with_changes(self.run.acting, then, now))
+
+    def _act(self, acting: Floats) -> None:
         self.settle()
         self.run.act(acting)
 
@@ -474,6 +472,3 @@ def cannot_restart(method: Method) -> str:
         f"{method} of Exudyn cannot restart exactly from a stored state; "
         "use an explicit method such as DOPRI5, RK44 or VelocityVerlet"
     )
-
-
-_OF_BODY = ("position", "velocity", "attitude", "angular_velocity")

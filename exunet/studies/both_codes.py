@@ -403,7 +403,7 @@ class BothCodes:
             reels.append(self.wound_in_reference(state))
 
         observers = Observers(start.system, start.state, {"both": observer})
-        run = Integration(start.system, start.state, start.plan, make, observers)
+        run = Integration(start.plan, make, observers)
         run.go(times[1:].tolist(), keep)
         x, v, first_order = (
             np.array([getattr(state, name) for state in states])

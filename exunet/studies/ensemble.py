@@ -23,7 +23,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.bodies.rotations import product, quaternion_of
 from exunet.forces import cable
 from exunet.forces.law import STRETCH_BOUND
-from exunet.integrators.compiled.loop import OUTPUT_EVERY, CompiledStepper, loop_kernel
+from exunet.integrators.compiled.loop import NO_ENERGIES, OUTPUT_EVERY, CompiledStepper, loop_kernel
 from exunet.integrators.compiled.vectorised_runs import RunsSideBySide, side_by_side_kernel
 from exunet.integrators.protocol import Extremes, StepCounts
 from exunet.kernels.compile import WIDTH, numba_installed
@@ -38,7 +38,6 @@ from exunet.methods.method import (
     Plan,
     finer,
 )
-from exunet.model.states import States
 from exunet.model.system import State
 from exunet.net.arrays import Net
 from exunet.results.ensemble import INTERVALS, Ensemble, Member, ensemble_of, instants, member_of
@@ -48,7 +47,7 @@ from exunet.scene.casefile import Case, case_of
 from exunet.scene.scene import Scene
 from exunet.simulation.block import Observed
 from exunet.simulation.integrate import Integration
-from exunet.simulation.observers import Observer, Observers
+from exunet.simulation.observers import STATES_A_LOOK, Observers
 from exunet.simulation.planning import is_short
 from exunet.simulation.preparation import Start, in_the_compiled_loop, start_of
 from exunet.simulation.recorder import Recorder, initial_record, series_of, stored_bytes
@@ -159,10 +158,9 @@ def tracked_speeds(net: Net, velocity: Floats) -> Floats:
     return np.asarray(np.linalg.norm(velocity[..., nodes, :], axis=-1))
 
 
-_INTERVAL = 0.2  # [s] of wall time after which a run reacts to an interrupt
 _MAX_TIMES = 128  # states that the guards check in one go
 _MAX_VALUES = 2**21  # coordinates that runs side by side keep in one go
-_MAX_WORK = 1e7  # elements times steps of runs side by side in one go: about _INTERVAL
+_MAX_WORK = 1e7  # elements times steps of runs side by side in one go: about 0.2 s
 
 
 def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
@@ -170,7 +168,8 @@ def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
 
     stop : ends the run by KeyboardInterrupt
     """
-    recorder, system = Recorder(start, stores_energies=False), start.system
+    recorder, observers = _observed(start)
+    system = start.system
     events = bool(start.state.discrete or system.kinematics.knots)
 
     def make(state: State, plan: Plan) -> CompiledStepper:
@@ -181,13 +180,19 @@ def run_member(start: Start, kernel: Kernel, stop: Event) -> Result:
         if stop.is_set():
             raise KeyboardInterrupt
 
-    own: dict[str, Observer] = {"log": recorder.log, "extremes": recorder.extremes}
-    observers = Observers(system, start.state, own, recorder.balance, recorder)
-    observers.start()
     together = 1 if events else _MAX_TIMES
-    run = Integration(system, start.state, start.plan, make, observers, together=together)
+    run = Integration(start.plan, make, observers, together=together)
     run.go(recorder.times[1:].tolist(), leave, settle=True)
     return _result(recorder, run.counts.right_hand_sides)
+
+
+def _observed(start: Start, every: int = STATES_A_LOOK) -> tuple[Recorder, Observers]:
+    """Return the recorder of a run, and its observers, which have seen the first state."""
+    recorder = Recorder(start, stores_energies=False, every=every)
+    own = {"balance": recorder.balance, "log": recorder.log, "extremes": recorder.extremes}
+    observers = Observers(start.system, start.state, {**own, "record": recorder})
+    observers.start()
+    return recorder, observers
 
 
 def _result(recorder: Recorder, evaluations: int) -> Result:
@@ -197,38 +202,31 @@ def _result(recorder: Recorder, evaluations: int) -> Result:
 
 def run_side_by_side(starts: Sequence[Start], loop: RunsSideBySide, stop: Event) -> list[Result | None]:
     """Run several starts of one scene at once; None for a run that stopped."""
-    system = starts[0].system
-    recorders: list[Recorder | None] = []
+    runs: list[tuple[Recorder, Observers] | None] = []
     for start in starts:
-        new = Recorder(start, stores_energies=False, every=1)  # the guards check each stored time
-        new.balance.explain(start.plan)
-        new.observe(Observed(States.of(system, start.state), [0], [{}], [None], np.zeros(1)))
-        recorders.append(new)
+        recorder, observers = _observed(start, every=1)  # the guards check each stored time
+        observers.built(start.plan, {}, 0.0)
+        runs.append((recorder, observers))
     loop.begin([start.state for start in starts])
     times = starts[0].scene.time.stored_times
     number = _times_side_by_side(starts[0], times)
     for at in range(0, len(times) - 1, number):
         for run, states in enumerate(loop.through(times[at : at + number + 1])):
-            if (recorder := recorders[run]) is None:
+            if (found := runs[run]) is None:
                 continue
+            recorder, observers = found
             count = len(states) - 1
-            extremes = Extremes(0.0, math.inf, loop.largest_tensions(run), np.zeros(0))
-            steps = Observed(
-                states,
-                list(range(1, count + 1)),
-                [{}] * count,
-                [*[None] * (count - 1), extremes],
-                recorder.balance.until_each(states),
-            )
-            if recorder.balance.judge(steps).stop is not None:
-                recorders[run] = None
-                continue
-            for observer in (recorder.balance, recorder.extremes, recorder):
-                observer.observe(steps)
+            extremes = [*[None] * (count - 1), Extremes(NO_ENERGIES, loop.largest_tensions(run), np.zeros(0))]
+            try:
+                observers.see(
+                    Observed(states, list(range(1, count + 1)), [{}] * count, extremes, np.zeros(0))
+                )
+            except RunStopped:
+                runs[run] = None
             recorder.flush()  # the loop overwrites its states
         if stop.is_set():
             raise KeyboardInterrupt
-    return [None if recorder is None else _result(recorder, loop.right_hand_sides) for recorder in recorders]
+    return [None if found is None else _result(found[0], loop.right_hand_sides) for found in runs]
 
 
 def _times_side_by_side(start: Start, times: Floats) -> int:

@@ -39,7 +39,7 @@ MOMENTS: dict[str, list[tuple[type, str, Callable[[Any], float]]]] = {
     "storing": [(Recorder, "observe", lambda recorder: recorder.until)],
     "stepping": [
         (ExudynStepper, "_before_attempt", lambda stepper: stepper.time),
-        (Integration, "_happen", lambda run: run.stepper.time),
+        (Integration, "_step", lambda run: run.stepper.time),
     ],
 }
 

@@ -13,7 +13,7 @@ from scenes import BACKENDS, CASES, every_backend, pair_of_masses, thrown, value
 
 import exunet
 from exunet.base.errors import RunStopped
-from exunet.integrators.protocol import Extremes, Largest
+from exunet.integrators.protocol import Extremes
 from exunet.model.states import States
 from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
@@ -42,7 +42,7 @@ def test_extremes_of_all_steps_go_back_with_the_run() -> None:
     """Stored at 0, 1, 2 s; between two states of the second interval element 1 pulls 9 N, with 3 J."""
     each = np.zeros(prepare(thrown({"method": "DOPRI5"})).net.n_elements)
     each[1] = 9.0
-    later = Extremes(3.0, 6.0, (Largest(9.0, 1.7, 1),), each)
+    later = Extremes(np.array([3.0, 6.0]), np.array([[9.0, 1.7, 1.0]]), each)
     steps = observed([1.0, 5.0, 2.0, 1.0, 0.0], [1.0, 5.0, 2.0, 1.0, 0.0], [0, 2, 4], later)
     extremes = RunningExtremes(steps.states.system, stores=True)
     extremes.observe(steps.between(0, 2))

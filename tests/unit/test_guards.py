@@ -56,7 +56,7 @@ def thrown_until_it_stops(*arguments, **tables) -> RunStopped:
 
 def balance_of(start: Start, **how: int) -> EnergyBalance:
     balance = EnergyBalance(start.system, start.state, **how)
-    balance.explain(Plan(Method.RK44, step=1e-3))
+    balance.built(Plan(Method.RK44, step=1e-3), {}, 0.0)
     return balance
 
 

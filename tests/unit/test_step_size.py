@@ -456,7 +456,7 @@ def choice(attempt: float = 0.01, error: float = 1.0, jumps: list[Jump | None] |
         SimpleNamespace(timeIntegration=integration),
         None if left is None else lambda within: next(left),
     )
-    found.attempted()
+    found.attempt = attempt
     found.begin_stretch(2.0)
     return found, progress, integration
 

@@ -45,6 +45,7 @@ from exunet.model.states import States
 from exunet.model.system import State, System
 
 _NO_STRESS = np.zeros(0)
+NO_ENERGIES = np.array([0.0, np.inf])  # of `Extremes`
 OUTPUT_EVERY = 64  # one state in so many steps is returned
 
 
@@ -74,9 +75,9 @@ class StepExtremes:
     @property
     def extremes(self) -> Extremes:
         """Energies of the steps since `begin`, tensions of all steps."""
-        elastic, kinetic = (float(self._peaks[name][0]) for name in ("elastic", "kinetic"))
+        energies = np.array([self._peaks["elastic"][0] + self._inactive, self._peaks["kinetic"][0]])
         each = self._seen.of_elements.copy() if self._elements else _NO_STRESS
-        return Extremes(elastic + self._inactive, kinetic, largest_tensions_of(self._seen.largest), each)
+        return Extremes(energies, largest_tensions_of(self._seen.largest), each)
 
     def remember(self, discrete: Arrays, x: Floats) -> None:
         """Take all discrete states into account, in a state x (n_x,)."""
@@ -174,8 +175,8 @@ class CompiledStepper:
         self._discrete = {name: np.array(values, dtype=float) for name, values in state.discrete.items()}
         self._table = self._kernel.table(state.discrete)
         self._motion = motion_of(system, state, self._table)
-        self._clock = clock_at(state.time, plan.first_step)
-        self._time, self._tiny, self._steps = (self._clock[name] for name in ("time", "tiny", "steps"))
+        self._clock, self.time = clock_at(state.time, plan.first_step), float(state.time)
+        self._tiny, self._steps = self._clock["tiny"], self._clock["steps"]
         self._seen = self._with_stresses(no_extremes(system))
         self._control = StepLimits(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
         self._module.begin(state.time, self._verlet, self._motion)
@@ -215,10 +216,6 @@ class CompiledStepper:
         return seen._replace(taut=stresses if len(stresses) == number else np.ones(number))
 
     @property
-    def time(self) -> float:
-        return float(self._time[0])
-
-    @property
     def counts(self) -> StepCounts:
         steps, rejected = int(self._clock["steps"][0]), int(self._clock["rejections"][0])
         stages = METHODS[self._plan.method].compiled_stages
@@ -248,24 +245,32 @@ class CompiledStepper:
     def step(
         self, times: Sequence[float], most: int | None = None, until_true: Callable[[], bool] | None = None
     ) -> Steps:
-        if self._extremes is None:
-            return self._through(np.array([self.time, *times]))
-        until, looks = float(times[-1]), self._looks
+        kept, looks = self._kept, self._looks
         looks.at[:] = 0, 0 if most is None or until_true is None else min(most, len(looks.time))
-        every = 1 if most == 1 else self._every or OUTPUT_EVERY
-        limit = 1 if most == 1 and until_true is None else _ATTEMPTS
-        self._extremes.begin()
-        if self._chosen:
-            rows = self._module.chosen_stretch(self._control, until, limit, 0, every, self._held)
+        if self._extremes is None:
+            kept, rows = self._through(np.array([self.time, *times]))
+            extremes = Extremes(NO_ENERGIES, largest_tensions_of(self._seen.largest), _NO_STRESS)
         else:
-            rows = self._equal_steps(until, limit, every)
-        steps = self._of_rows(self._kept, slice(rows), self._extremes.extremes)
+            every = 1 if most == 1 else self._every or OUTPUT_EVERY
+            limit = 1 if most == 1 and until_true is None else _ATTEMPTS
+            self._extremes.begin()
+            if self._chosen:
+                until = float(times[-1])
+                end = self._module.chosen_stretch(self._control, until, limit, 0, every, self._held)
+            else:
+                end = self._equal_steps(float(times[-1]), limit, every)
+            rows, extremes = slice(end), self._extremes.extremes
+        self.time = float(self._clock["time"][0])
+        states = kept.time[rows], kept.x[rows], kept.v[rows], self._discrete, kept.taken[rows]
+        steps = Steps(States(self._system, *states), extremes)
         if looks.at[1]:
             seen = slice(int(looks.at[0]))
             mean = looks.mean[seen] if looks.weights.size else None
             parts = looks.time[seen], looks.x[:, seen].T, looks.v[:, seen].T, _NO_STRESS, looks.reported[seen]
             steps = steps._replace(watched=Seen(*parts, mean))
-        self._validate_steps(steps)
+        if self._tiny[0] > TINY_IN_A_ROW:
+            words = f"the steps collapsed to {self._clock['step'][0]:.1g} s at t = {self.time:.6g} s"
+            raise StepsCollapsed(f"{words}: the tolerance {self._plan.tolerance:.2g} cannot be met", steps)
         return steps
 
     def _equal_steps(self, until: float, limit: int, every: int) -> int:
@@ -281,29 +286,16 @@ class CompiledStepper:
             self._equal[2] = 0.0
         return rows
 
-    def _through(self, times: Floats) -> Steps:
-        """From times[0], the state's time, through all times [s] in one call of compiled code."""
+    def _through(self, times: Floats) -> tuple[Kept, slice]:
+        """Go from times[0], the state's time, through all times [s] in one call of compiled code."""
         kept = empty_states(len(times), self._system)
         run = StepInterval(self._motion, self._clock, self._seen, kept, self._looks)
         if self._chosen:
             never = np.int64(2**62)
-            rows = self._module.through_chosen(times, self._control, TINY_IN_A_ROW, never, run)
+            end = self._module.through_chosen(times, self._control, TINY_IN_A_ROW, never, run)
         else:
-            rows = self._module.through_equal(self._verlet, times, self._plan.step, run)
-        largest = largest_tensions_of(self._seen.largest)
-        steps = self._of_rows(kept, slice(1, rows), Extremes(0.0, math.inf, largest, _NO_STRESS))
-        self._validate_steps(steps)
-        return steps
-
-    def _of_rows(self, kept: Kept, rows: slice, extremes: Extremes) -> Steps:
-        time, x, v, taken = (values[rows] for values in kept)
-        return Steps(States(self._system, time, x, v, self._discrete, taken), extremes)
-
-    def _validate_steps(self, steps: Steps) -> None:
-        """Raise StepsCollapsed if no step is small enough for the tolerance."""
-        if self._tiny[0] > TINY_IN_A_ROW:
-            words = f"the steps collapsed to {self._clock['step'][0]:.1g} s at t = {self.time:.6g} s"
-            raise StepsCollapsed(f"{words}: the tolerance {self._plan.tolerance:.2g} cannot be met", steps)
+            end = self._module.through_equal(self._verlet, times, self._plan.step, run)
+        return kept, slice(1, end)
 
     def change(self, change: Change, discrete: DiscreteStates) -> None:
         if change.quiet:
@@ -404,6 +396,7 @@ class CompiledStepper:
                 values[:] = discrete[name]
         for name, held in self._own.items():
             held[:] = arrays[name]
+        self.time = float(self._clock["time"][0])
         self._motion.has_external[0] = float(self._motion.external.any())
         if rejected is not None:
             self._clock["rejections"] = rejected

@@ -29,7 +29,6 @@ from exunet.integrators.compiled.workspace import (
     no_extremes,
     no_samples,
 )
-from exunet.integrators.protocol import Largest
 from exunet.kernels.compile import WIDTH, version_of
 from exunet.kernels.kernel import Kernel
 from exunet.methods.method import METHODS, Kind, Method, Plan
@@ -203,8 +202,8 @@ class RunsSideBySide:
         rows = zip(*(part[: self._runs] for part in parts), strict=True)
         return [States(self._system, time, x, v, self._system.discrete, taken) for x, v, taken in rows]
 
-    def largest_tensions(self, run: int) -> tuple[Largest, ...]:
-        """Return the largest tension of each group of elements, of all steps so far."""
+    def largest_tensions(self, run: int) -> Floats:
+        """Return the largest tension of each group of elements, of all steps so far, see `Extremes`."""
         return largest_tensions_of(self._seen.largest[run])
 
     @property

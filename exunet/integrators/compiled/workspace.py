@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from exunet.base.arrays import Floats, Ints
 from exunet.forces.loops import Index
 from exunet.forces.terms import Watch
-from exunet.integrators.protocol import Largest
 from exunet.kernels.kernel import ForceTable
 from exunet.model.system import State, System
 
@@ -323,11 +322,9 @@ def no_extremes(system: System) -> ObservedSteps:
     return ObservedSteps(peaks, largest, bounds, half, first, second, *own, number.copy(), law.table.copy())
 
 
-def largest_tensions_of(records: NDArray[np.void]) -> tuple[Largest, ...]:
-    """The records `LARGEST` (n,), for observers."""
-    return tuple(
-        Largest(float(record["tension"]), float(record["time"]), int(record["element"])) for record in records
-    )
+def largest_tensions_of(records: NDArray[np.void]) -> Floats:
+    """Return the records `LARGEST` (n,) as numbers (n, 3)."""
+    return np.array(records.tolist()).reshape(-1, 3)
 
 
 def no_samples() -> WatchedRows:

@@ -23,6 +23,18 @@ def exudyn(*, quiet: bool = True) -> Any:
     return engine
 
 
+def quiet_settings() -> Any:
+    """Return settings of the engine by which it writes nothing, and solves by sparse matrices."""
+    engine = exudyn()
+    settings = engine.SimulationSettings()
+    settings.solution.file.write = False  # else the engine writes into the working directory
+    settings.solution.sensors.active = False
+    settings.solution.solverInformationFileName = ""
+    settings.linearSolver.solverType = engine.LinearSolverType.EigenSparse  # the default is dense
+    settings.timeIntegration.verboseMode = 0
+    return settings
+
+
 def exudyn_items() -> Any:
     """The engine's module with the constructors of its items."""
     import exudyn.itemInterface as items  # noqa: N813 - a module of the engine

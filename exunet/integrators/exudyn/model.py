@@ -327,12 +327,6 @@ class Model(Items):
         arguments: dict[str, Any] = {"nodeNumbers": [int(node)], "rhsUserFunction": compute}
         self._add_object(self._items.ObjectGenericODE1(**arguments), "ObjectGenericODE1")
 
-    def first_order(self) -> Floats:
-        """(n_states,) the first-order states now; a view."""
-        if not self._n_first_order:
-            return _NONE
-        return np.asarray(self.system.systemData.GetODE1Coordinates(copy=False))
-
     def refresh(self) -> None:
         """Let `coordinates_in_call` take new views of the engine's state.
 
@@ -433,7 +427,7 @@ class Model(Items):
         """Where the engine stands, as views."""
         data = self.system.systemData
         q, v = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
-        return Coordinates(q, v, self.first_order())
+        return Coordinates(q, v, data.GetODE1Coordinates(copy=False) if self._n_first_order else _NONE)
 
     def coordinates_in_call(self) -> Coordinates:
         """The same between `refresh` and the end of the engine's next call."""

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import splu
 from exunet.base.arrays import Floats
 from exunet.forces.terms import DiscreteStates
 from exunet.integrators.exudyn.build import remember
-from exunet.integrators.exudyn.engine import exudyn
+from exunet.integrators.exudyn.engine import exudyn, quiet_settings
 from exunet.integrators.exudyn.model import Model
 from exunet.model.system import Moving, System
 
@@ -27,12 +27,7 @@ class Probe:
         self._model = model
         self._system = model.system
         self._reference, self._free, self._columns = model.reference, model.free, model.columns()
-        settings = self._engine.SimulationSettings()
-        settings.solution.file.write = False  # else the engine writes into the working directory
-        settings.solution.sensors.active = False
-        settings.solution.solverInformationFileName = ""
-        settings.linearSolver.solverType = self._engine.LinearSolverType.EigenSparse
-        settings.timeIntegration.verboseMode = 0
+        settings = quiet_settings()
         settings.timeIntegration.solverType = self._engine.DynamicSolverType.RK44
         settings.timeIntegration.explicit.useLieGroupIntegration = model.has_bodies
         self._solver = self._engine.MainSolverExplicit()

@@ -24,7 +24,7 @@ from exunet.forces.terms import Change, DiscreteStates
 from exunet.integrators.compiled.steps import TINY_IN_A_ROW
 from exunet.integrators.events import Events
 from exunet.integrators.exudyn.build import build, remember
-from exunet.integrators.exudyn.engine import exudyn
+from exunet.integrators.exudyn.engine import exudyn, quiet_settings
 from exunet.integrators.exudyn.model import Coordinates, Model
 from exunet.integrators.protocol import Arrays, IntegrationFailed, StepCounts, Steps, StepsCollapsed
 from exunet.methods.method import METHODS, Kind, Method, Plan
@@ -36,7 +36,9 @@ from exunet.model.system import State, System
 class StepChoice:
     """Sets the step of each attempt in the engine's `solver.it`.
 
-    jump : the next jump of the forces within a time [s] from the step's start, or None without one
+    jump    : the next jump of the forces within a time [s] from the step's start, or None without one
+    begin   : the engine's own time at the start of the step [s]
+    attempt : the step that is tried, set for good [s]
     """
 
     def __init__(
@@ -45,9 +47,9 @@ class StepChoice:
         self._plan, self._solver, self._settings, self.jump = plan, solver, settings, jump
         self._order = METHODS[plan.method].order
         self._adaptive = plan.tolerance is not None
-        self._first = self._attempt = plan.first_step
-        self._from = float(solver.it.currentTime)  # the engine's own time at the start of the step
-        self._until = self._from
+        self._first = self.attempt = plan.first_step
+        self.begin = float(solver.it.currentTime)
+        self._until = self.begin
         self._beyond = 0.0  # the step to continue with beyond the jump that is approached
         self._approaching = self._lifted = False
         self._tiny = 4.0 * plan.least_step
@@ -55,13 +57,13 @@ class StepChoice:
 
     def numbers(self) -> Floats:
         """Return the engine's time and the first step to try [s], with which the next stretch begins."""
-        return np.array([self._from, self._first])
+        return np.array([self.begin, self._first])
 
     def restore(self, numbers: Floats) -> None:
         """Go on from what `numbers` gave, in a solver that was started anew."""
-        self._from, self._first = map(float, numbers)
+        self.begin, self._first = map(float, numbers)
         progress = self._solver.it
-        progress.currentTime = self._from
+        progress.currentTime = self.begin
         if self._adaptive:
             progress.initialStepSize = self._first
 
@@ -74,15 +76,7 @@ class StepChoice:
         """The stretch has ended; the engine's sums of steps may be some units in the last place beside it."""
         if self._adaptive:
             self._first = self._controlled()
-        self._from = engines_time
-
-    def accepted(self, time: float) -> None:
-        """A step has ended at the engine's time [s]."""
-        self._from = time
-
-    def attempted(self) -> None:
-        """The step that is tried is set for good."""
-        self._attempt = self._solver.it.currentStepSize
+        self.begin = engines_time
 
     def choose(self, end_of_attempt: float, attempting: bool, rejected: bool) -> float:
         """Set the step that is about to be tried; returns its end."""
@@ -94,10 +88,10 @@ class StepChoice:
             wanted = max(wanted, self._plan.least_step)
         if self.jump is not None:
             wanted = self._mind_jumps(wanted, rejected)
-        step = self._until - self._from if self._from + wanted > self._until else wanted
+        step = self._until - self.begin if self.begin + wanted > self._until else wanted
         if step != progress.currentStepSize:
             progress.currentStepSize = step
-            progress.currentTime = self._from + step
+            progress.currentTime = self.begin + step
         return float(progress.currentTime)
 
     def refuse_collapse(self, begin: float) -> None:
@@ -121,8 +115,8 @@ class StepChoice:
         """The step that the engine's control chooses after the last one; its own formula, to the last bit."""
         progress, integration = self._solver.it, self._settings.timeIntegration
         error = progress.automaticStepSizeError or 1e-12
-        best = self._attempt * math.pow(1.0 / error, 1.0 / self._order)
-        most = min(progress.maxStepSize, self._attempt * integration.stepSizeMaxIncrease)
+        best = self.attempt * math.pow(1.0 / error, 1.0 / self._order)
+        most = min(progress.maxStepSize, self.attempt * integration.stepSizeMaxIncrease)
         return float(min(most, max(progress.minStepSize, integration.stepSizeSafety * best)))
 
     def _mind_jumps(self, wanted: float, rejected: bool) -> float:
@@ -140,7 +134,7 @@ class StepChoice:
             integration.absoluteTolerance = self._plan.tolerance
         if not (rejected or self._beyond):
             return wanted
-        beyond = self._beyond or self._attempt
+        beyond = self._beyond or self.attempt
         jump = self.jump(beyond)
         approaching, self._approaching = self._approaching, jump is not None
         if jump is None:
@@ -164,15 +158,9 @@ _FAR = 1e300  # [s]: beyond the end of any run
 
 def settings_for(model: Model, plan: Plan, begin: float) -> Any:
     """Settings of a run that begins at a time [s]."""
-    engine, method = exudyn(), METHODS[plan.method]
-    settings = engine.SimulationSettings()
-    settings.solution.file.write = False  # else the engine writes into the working directory
-    settings.solution.sensors.active = False
-    settings.solution.solverInformationFileName = ""
-    settings.linearSolver.solverType = engine.LinearSolverType.EigenSparse  # the default is dense
+    settings, method = quiet_settings(), METHODS[plan.method]
     integration = settings.timeIntegration
-    integration.verboseMode = 0
-    integration.solverType = getattr(engine.DynamicSolverType, plan.method)
+    integration.solverType = getattr(exudyn().DynamicSolverType, plan.method)
     integration.startTime, integration.endTime = begin, begin + 1.0
     integration.adaptiveStep = integration.automaticStepSize = method.kind == Kind.ADAPTIVE
     integration.numberOfSteps = 1
@@ -281,8 +269,6 @@ class ExudynStepper:
         self._settings = settings_for(self._model, self._plan, state.time)
         self._start()
         self._idle_at(state.time)
-        jumps = self._system.forces.cable.viscous and self._adaptive
-        self._choice = StepChoice(self._plan, self._solver, self._settings, self._jump if jumps else None)
 
     def _idle_at(self, time: float) -> None:
         """Between two calls of the engine."""
@@ -292,7 +278,10 @@ class ExudynStepper:
         self._stop: BaseException | None = None
 
     def _start(self) -> None:
+        """Start the engine's solver at the model's initial state."""
         self._solver = started(self._model, self._plan, self._settings, self._before_attempt)
+        jump = self._jump if self._system.forces.cable.viscous and self._adaptive else None
+        self._choice = StepChoice(self._plan, self._solver, self._settings, jump)
 
     @property
     def counts(self) -> StepCounts:
@@ -394,7 +383,7 @@ class ExudynStepper:
             if rejected:
                 self._counts.rejected += 1
             elif self._attempting:
-                self._choice.accepted(self._attempt_end)
+                self._choice.begin = self._attempt_end
                 self._counts.steps += 1
                 if self._accept(self._attempt_end, self._model.coordinates_in_call()):
                     raise _Ended
@@ -407,7 +396,7 @@ class ExudynStepper:
             if self._adaptive:
                 if self._events.any:
                     self._shorten()
-                self._choice.attempted()
+                self._choice.attempt = self._solver.it.currentStepSize
         except BaseException as error:
             self._stop = error  # step() raises it again
             raise  # returning False would not end the engine's search for a smaller step
@@ -469,11 +458,15 @@ class ExudynStepper:
             x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
             self._changed = self._model.places.pack(self._system.layout.unpack(x, v), self._now)
             self._begin_anew()
-        elif self._method.remembers_acceleration:
-            self._begin_anew()
+        else:
+            self._forces_changed()
 
     def _begin_anew(self) -> None:
         self._stale, self._equal[2] = True, 0.0
+
+    def _forces_changed(self) -> None:
+        if self._method.remembers_acceleration:
+            self._begin_anew()
 
     def _remember(self, discrete: DiscreteStates) -> None:
         """Let all forces take the discrete states as they are now."""
@@ -486,12 +479,10 @@ class ExudynStepper:
         kinds = exudyn().ConfigurationType
         put(self._model, now, self.time, kinds.Initial)
         self._settings.timeIntegration.startTime = self.time
-        newton, choice = self._counts.newton_iterations, self._choice
+        self._newton_before, numbers = self._counts.newton_iterations, self._choice.numbers()
         self._start()  # which computes the accelerations
-        self._choice = StepChoice(self._plan, self._solver, self._settings, choice.jump)
         if self._adaptive:
-            self._choice.restore(choice.numbers())
-        self._newton_before = newton
+            self._choice.restore(numbers)
 
     def state(self) -> State:
         discrete = {name: values.copy() for name, values in self.discrete.items()}
@@ -516,10 +507,6 @@ class ExudynStepper:
     def set_inputs(self, inputs: Arrays) -> None:
         self._remember({**self.discrete, **inputs})
         self._forces_changed()
-
-    def _forces_changed(self) -> None:
-        if self._method.remembers_acceleration:
-            self._begin_anew()
 
     def save(self) -> dict[str, NDArray[Any]]:
         if self._stale and not self._attempting:
@@ -546,7 +533,7 @@ class ExudynStepper:
         self._equal[:] = arrays["equal"]
         if rejected is not None:  # of the same solver, whose control goes on
             self._remember(discrete)
-            self._choice.accepted(time)
+            self._choice.begin = time
             self._counts = replace(self._counts, steps=steps, rejected=rejected)
             self._idle_at(time)
             self._changed, self._stale = now, True
@@ -567,8 +554,6 @@ class ExudynStepper:
         self._start()
         put(self._model, now, engines_time, kinds.Current)  # starting it has changed the accelerations
         data.SetODE2Coordinates_tt(accelerations, kinds.Current)
-        jump = self._choice.jump
-        self._choice = StepChoice(self._plan, self._solver, self._settings, jump)
         self._choice.restore(arrays["choice"])
         self._counts = StepCounts(steps, int(arrays["counts"][1]))
         self._newton_before = 0
