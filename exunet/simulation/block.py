@@ -106,8 +106,8 @@ class Block:
         self._extremes += [*[None] * (len(new) - 1), self._since]
         self._since = None
 
-    def remember(self, discrete: DiscreteStates) -> bool:
-        """Replace the discrete states of the last state if it is marked."""
+    def replace_marked(self, discrete: DiscreteStates) -> bool:
+        """Replace the discrete states of the last state if it is marked; True if it is."""
         marked = bool(self._marks) and self._marks[-1] == self.rows - 1
         if marked:
             self._discrete_states[-1] = discrete

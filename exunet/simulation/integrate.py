@@ -2,8 +2,9 @@
 
 A *stop* is a time to which a run, or the caller of a simulation, goes. The state there is marked: it is
 stored, and checked by the guards. Observers see blocks of states: before somebody reads a state, before an
-event changes it, and when a block is full. A run that fails goes back to its last safe state, and on with
-finer steps through the same stops, with the same external forces and inputs.
+event changes it, and when a block is full. They know two marked states: the last *stored* one, at which a
+run that fails ends, and the last *safe* one, which the guards trust. A run that fails goes back to the safe
+state, and on with finer steps through the same stops, with the same external forces and inputs.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class Integration:
     """A stepper on its way through the stops of a run, with events and observers, from their first state.
 
     retries  : how often a run that fails because of its steps goes back and on with finer ones
-    together : stops that one call of the stepper may go through
+    together : stops that one call of the stepper may go through; more than 1 only without events, which is
+               how each state that it returns is at a stop
     """
 
     def __init__(
@@ -63,10 +65,10 @@ class Integration:
         self._discrete = state.discrete  # of states; without what steps have changed since
         self.events = Events(self.observers.system, self.stepper)
         self._block = Block(self.observers.system, state.time, *self.stepper.flat(), 16 + self._together)
-        self._before: tuple[Seen, Arrays] | None = None  # of steps in which conditions are watched
+        self._began: tuple[Seen, Arrays] | None = None  # state at the beginning of steps that are watched
         self._crossed = self._changed = False  # a condition came true; events changed discrete states
         self._to_come: list[int] = []  # numbers of steps to take without a test, the next one last
-        self._let_act(self.external.at_start)
+        self._let_act(self.external.at_start)  # which a new stepper has
         self.observers.built(self.plan, self.stepper.items, clock.perf_counter() - began)
 
     @property
@@ -86,7 +88,7 @@ class Integration:
 
         Raises RunStopped if the run fails and no retry is left, Interrupted on Ctrl-C.
         """
-        # Later stops are those of a `go` that this one is called in.
+        # Stops after `last` are those of another `go`, of which an observer or controller calls this one.
         stops, last = self._stops, times[-1] if times else self.stepper.time
         stops.add(times, self.acting)
         try:
@@ -100,8 +102,9 @@ class Integration:
                         if ahead is None:
                             self._flush()
                             break
-                        self.act(ahead[1])
-                        self._advance(ahead[0], check_interrupt)
+                        until, acting = ahead
+                        self.act(acting)
+                        self._advance(until, check_interrupt)
                 except (RunStopped, IntegrationFailed) as failure:
                     self._retry(failure)
                     continue
@@ -134,7 +137,7 @@ class Integration:
                 self._happen()
             if stepper.time < until:
                 check_interrupt()
-        if self._changed and not self._block.remember(kept := events.kept):
+        if self._changed and not self._block.replace_marked(kept := events.kept):
             self.observers.changed_at(stepper.time, self._discrete, kept)
         check_interrupt()
 
@@ -147,15 +150,15 @@ class Integration:
         again, then that step alone, which is made to end there.
         """
         events, most = self.events, None
-        self._before, self._crossed = None, False
+        self._began, self._crossed = None, False
         if events.watches:
             most = self._to_come.pop() if self._to_come else _MANY
             self._begin()
-        steps = self.stepper.step(times, most, self._ends if events.any else None)
+        steps = self.stepper.step(times, most, self._should_end if events.any else None)
         if steps.watched is not None and len(steps.watched.time):
             first = events.comes_true(steps.watched)
             if first is not None and most != 1:
-                self._to_come = [1, first] if first else [1]
+                self._to_come = [1, first] if first else [1]  # `first` steps end before it
                 self._take_back()
                 return
             self._crossed = first is not None
@@ -164,10 +167,10 @@ class Integration:
         else:
             self._add(steps, until)
 
-    def _ends(self) -> bool:
+    def _should_end(self) -> bool:
         """At the end of an accepted step: True if a condition came true within it, or an event is due."""
-        if self._before is not None:
-            target = self.events.crossing(self._before[0])
+        if self._began is not None:
+            target = self.events.crossing(self._began[0])
             if target is not None and target < self.stepper.time:
                 self._crossed = True
                 return True
@@ -176,33 +179,34 @@ class Integration:
 
     def _begin(self) -> None:
         """Begin steps in which conditions are watched."""
-        self._before = self.events.now(), self.stepper.save()
+        self._began = self.events.now(), self.stepper.save()
 
     def _take_back(self) -> None:
         """Go back to the beginning of steps; the last counts as rejected."""
-        assert self._before is not None
-        self.stepper.load(self._before[1], self.stepper.counts.rejected + 1)
+        assert self._began is not None
+        self.stepper.load(self._began[1], self.stepper.counts.rejected + 1)
 
     def _locate(self, steps: Steps, until: float) -> None:
         """Make the last step end where a condition comes true in it; steps that end before are accepted."""
-        beyond, everywhere = math.inf, steps.watched is None
+        came_true, tests_each_step = math.inf, steps.watched is None
+        # Extremes come from steppers that have taken this step alone.
         self._add(steps._replace(states=steps.states[:-1], extremes=None), until)
         taken = [steps._replace(states=steps.states[-1:])]
         while True:
-            assert self._before is not None
-            target = self.events.crossing(self._before[0])
+            assert self._began is not None
+            target = self.events.crossing(self._began[0])
             if target is not None and target < self.stepper.time:
-                beyond, taken = self.stepper.time, []
+                came_true, taken = self.stepper.time, []
                 self._take_back()
             else:
                 for part in taken:
                     self._add(part, until)
                 # A stepper that tests each step goes on by itself; others go on to where it had come true.
-                goes_on = target is None and not everywhere and self.stepper.time < beyond < math.inf
+                goes_on = target is None and not tests_each_step and self.stepper.time < came_true < math.inf
                 if not (goes_on and self.events.watches):
                     return
                 self._begin()
-                target, taken = beyond, []
+                target, taken = came_true, []
             while self.stepper.time < target:
                 part = self.stepper.step([target], 1)
                 taken.append(part._replace(states=part.states.copy()))
@@ -251,7 +255,7 @@ class Integration:
         block, kept, time = self._block, self.events.kept, self.stepper.time
         if block.time != time:
             block.put(time, *self.stepper.flat())
-        if change.stops and not block.remember(kept) and time > self.observers.stored.state.time:
+        if change.stops and not block.replace_marked(kept) and time > self.observers.stored.state.time:
             block.mark(kept)
         self._flush()
         self.stepper.change(change, discrete)
@@ -287,7 +291,10 @@ class Integration:
         self._begin_at(self.observers.back_to_safe())
 
     def _end(self) -> float:
-        """End a run at its last stored state; one that stores nothing is then at its last safe state."""
+        """End a run at its last stored state; one that stores nothing is then at its last safe state.
+
+        A run that stores is over: its stepper stays where it was.
+        """
         if self.observers.stores:
             return self.observers.back_to_stored().time
         self._go_back()
@@ -302,7 +309,7 @@ class Integration:
     # External forces, snapshots
 
     def act(self, acting: Floats) -> None:
-        """Set external forces and inputs from now on (see `ExternalInputs`)."""
+        """Set external forces and inputs from now on (see `ExternalInputs`); stops to come keep theirs."""
         if acting is not self.acting and not np.array_equal(acting, self.acting):
             self._flush()
             before, self.acting = self.acting, acting
@@ -340,4 +347,4 @@ class Integration:
         self._discrete, self._to_come = group_of("discrete", arrays), []
         self.stepper.load(group_of("stepper", arrays))
         self._block.load(group_of("block", arrays))
-        self.observers.set_external_force(self.external.forces(self.acting))
+        self.observers.set_external_force(self.external.forces(self.acting))  # steppers save their own
