@@ -35,7 +35,7 @@ def skew(a: Floats) -> Floats:
 
 
 def turned(attitude: Floats, angle: Floats) -> Floats:
-    """exp([angle]x) R: attitudes turned about axes of the scene by rotation vectors (r, 3) [rad]."""
+    """exp([angle]x) R: attitudes turned about axes of the scene by rotation vectors (b, 3) [rad]."""
     size = np.linalg.norm(angle, axis=-1)[..., None, None]
     cross = skew(angle)
     first = np.sinc(size / np.pi)  # sin(a)/a

@@ -38,10 +38,7 @@ def none() -> Anchors:
 
 @dataclass(frozen=True, eq=False)
 class Levers:
-    """The anchors of a system: `arm` from the centre of mass in the axes of the body.
-
-    Bodies are counted among the r rigid ones, which alone have an attitude; `bodies` is r.
-    """
+    """The anchors of a system: `arm` from the centre of mass in the axes of the body; `bodies` is b."""
 
     node: Ints  # (a,)
     body: Ints  # (a,)
@@ -57,28 +54,28 @@ class Levers:
 
     @cached_property
     def gathering(self) -> csr_array:
-        """(r, a): 1 where a node is a point of a body."""
+        """(b, a): 1 where a node is a point of a body."""
         ones = (np.ones(len(self)), (self.body, np.arange(len(self))))
         return csr_array(ones, shape=(self.bodies, len(self)))
 
     def turned(self, attitude: Floats) -> Floats:
-        """l (..., a, 3) [m] in the scene's axes, of attitudes (..., r, 3, 3)."""
+        """l (..., a, 3) [m] in the scene's axes, of attitudes (..., b, 3, 3)."""
         return np.asarray(np.einsum("...aij,aj->...ai", attitude[..., self.body, :, :], self.arm))
 
     def places(self, centre: Floats, lever: Floats) -> Floats:
-        """x (..., a, 3) [m] of centres of mass (..., r, 3)."""
+        """x (..., a, 3) [m] of centres of mass (..., b, 3)."""
         return np.asarray(centre[..., self.body, :] + lever)
 
     def velocities(self, velocity: Floats, turning: Floats, lever: Floats) -> Floats:
-        """v (..., a, 3) [m/s] of the centres' velocities and angular velocities (..., r, 3) of the scene."""
+        """v (..., a, 3) [m/s] of the centres' velocities and angular velocities (..., b, 3) of the scene."""
         return np.asarray(velocity[..., self.body, :] + cross(turning[..., self.body, :], lever))
 
     def accelerations(self, linear: Floats, angular: Floats, turning: Floats, lever: Floats) -> Floats:
-        """x'' (..., a, 3) [m/s2] of accelerations A, w' and angular velocities w (..., r, 3) of the scene."""
+        """x'' (..., a, 3) [m/s2] of accelerations A, w' and angular velocities w (..., b, 3) of the scene."""
         w = turning[..., self.body, :]
         curving = cross(angular[..., self.body, :], lever) + cross(w, cross(w, lever))
         return np.asarray(linear[..., self.body, :] + curving)
 
     def wrench(self, push: Floats, lever: Floats) -> tuple[Floats, Floats]:
-        """Force [N] and torque about the centre of mass [N m], (r, 3) each, of forces (a, 3) on the nodes."""
+        """Force [N] and torque about the centre of mass [N m], (b, 3) each, of forces (a, 3) on the nodes."""
         return self.gathering @ push, self.gathering @ cross(lever, push)

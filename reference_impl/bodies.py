@@ -1,4 +1,4 @@
-"""Bodies beside the net: rigid ones, point masses, and those whose motion is prescribed.
+"""Bodies beside the net: free ones, and those whose motion is prescribed.
 
 Positions of the frame's origin are natural cubic splines (de Boor, A Practical Guide to Splines, ch. IV);
 rotations between neighbouring attitudes are cubic rotation vectors with continuous angular velocity and
@@ -122,11 +122,11 @@ def _zeros() -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body at time 0, SI units throughout; without inertia a point mass."""
+    """A body at time 0, SI units throughout."""
 
     name: str
     mass: float
-    inertia: Floats = field(default_factory=lambda: np.zeros((3, 3)))  # J [kg m2], in the body's axes
+    inertia: Floats  # J [kg m2], in the body's axes
     centre_of_mass: Floats = field(default_factory=_zeros)  # c (3,) [m], in the body's frame
     position: Floats = field(default_factory=_zeros)  # (3,) [m] of the origin of the body's frame
     velocity: Floats = field(default_factory=_zeros)  # (3,) [m/s] of the centre of mass
@@ -145,7 +145,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class BodyStates:
-    """States of b bodies, at one time or many (leading axes ...); a point mass has attitude I and no spin."""
+    """States of b bodies, at one time or many (leading axes ...)."""
 
     position: Floats  # (..., b, 3) [m] of the centres of mass
     velocity: Floats  # (..., b, 3) [m/s] of the centres of mass
@@ -155,18 +155,13 @@ class BodyStates:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What b bodies are; r of them are rigid bodies, the others point masses."""
+    """What b bodies are."""
 
     names: tuple[str, ...]
     mass: Floats  # (b,) [kg]
-    inertia: Floats  # J (b, 3, 3) [kg m2] about the centres of mass, zero for point masses
+    inertia: Floats  # J (b, 3, 3) [kg m2] about the centres of mass
     centre_of_mass: Floats  # c (b, 3) [m] in the bodies' frames
     drives: tuple[Drive | None, ...] = ()  # of each body, where its motion is given; (): all are free
-
-    @cached_property
-    def rigid(self) -> Ints:
-        """Which bodies (r,) have an attitude."""
-        return np.flatnonzero(np.any(self.inertia, axis=(1, 2)))
 
     @cached_property
     def free(self) -> Floats:
@@ -180,35 +175,21 @@ class Bodies:
         """Which bodies (d,) have a given motion."""
         return np.array([k for k, drive in enumerate(self.drives) if drive is not None], dtype=np.intp)
 
-    def motions(self, t: Floats) -> list[tuple[int, int, Guided]]:
-        """Driven bodies: number, number among the rigid ones, motion at times (...) [s]."""
-        return [
-            (int(k), int(np.searchsorted(self.rigid, k)), drive.at(t))
-            for k, drive in enumerate(self.drives)
-            if drive is not None
-        ]
+    def motions(self, t: Floats) -> list[tuple[int, Guided]]:
+        """Driven bodies: number, motion at times (...) [s]."""
+        return [(k, drive.at(t)) for k, drive in enumerate(self.drives) if drive is not None]
 
     def accelerations(self, t: float) -> tuple[Floats, Floats]:
-        """A [m/s2], w' [rad/s2] (r, 3) of driven bodies at t [s], in the scene's axes; zero for free ones."""
-        linear, angular = np.zeros((2, len(self.rigid), 3))
-        for _, rigid, motion in self.motions(np.array(t)):
-            linear[rigid], angular[rigid] = motion.acceleration, motion.angular
+        """A [m/s2], w' [rad/s2] (b, 3) of driven bodies at t [s], in the scene's axes; zero for free ones."""
+        linear, angular = np.zeros((2, len(self.names), 3))
+        for k, motion in self.motions(np.array(t)):
+            linear[k], angular[k] = motion.acceleration, motion.angular
         return linear, angular
 
     @cached_property
-    def unlisted(self) -> int:
-        """How many of them, the first, are not of the table `[bodies]`: point masses."""
-        return len(self.names) - len(self.rigid)
-
-    @cached_property
-    def resistance(self) -> Floats:
-        """J (r, 3, 3) [kg m2] of the rigid ones."""
-        return self.inertia[self.rigid]
-
-    @cached_property
     def mobility(self) -> Floats:
-        """J^-1 (r, 3, 3) [1/(kg m2)] of the rigid ones."""
-        return np.asarray(np.linalg.inv(self.resistance))
+        """J^-1 (b, 3, 3) [1/(kg m2)]."""
+        return np.asarray(np.linalg.inv(self.inertia))
 
 
 def collect(bodies: tuple[Body, ...]) -> tuple[Bodies, BodyStates]:
@@ -247,34 +228,34 @@ def loaded(body: Body, mass: Floats, point: Floats) -> Body:
 
 
 def own_turning(attitude: Floats, spin: Floats, mobility: Floats) -> Floats:
-    """Angular velocities (..., r, 3) [rad/s] in the bodies' axes, J^-1 R^T h; J^-1 is (r, 3, 3)."""
+    """Angular velocities (..., b, 3) [rad/s] in the bodies' axes, J^-1 R^T h; J^-1 is (b, 3, 3)."""
     own = np.einsum("...rji,...rj->...ri", attitude, spin)
     return np.asarray(np.einsum("rij,...rj->...ri", mobility, own))
 
 
 def turning(attitude: Floats, spin: Floats, mobility: Floats) -> Floats:
-    """Angular velocities (..., r, 3) [rad/s] in the scene's axes, w = R J^-1 R^T h; J^-1 is (r, 3, 3)."""
+    """Angular velocities (..., b, 3) [rad/s] in the scene's axes, w = R J^-1 R^T h; J^-1 is (b, 3, 3)."""
     return np.asarray(np.einsum("...ij,...j->...i", attitude, own_turning(attitude, spin, mobility)))
 
 
 def attitude_rate(attitude: Floats, spin: Floats, mobility: Floats) -> Floats:
-    """R' (r, 3, 3) [1/s] of attitudes R and angular momenta h (r, 3) [kg m2/s]."""
+    """R' (b, 3, 3) [1/s] of attitudes R and angular momenta h (b, 3) [kg m2/s]."""
     return np.asarray(skew(turning(attitude, spin, mobility)) @ attitude)
 
 
 def turning_rate(attitude: Floats, spin: Floats, torque: Floats, bodies: Bodies) -> Floats:
-    """w' (..., r, 3) [rad/s2] in the scene's axes, R J^-1 R^T (torque - w x h): Euler's equations."""
+    """w' (..., b, 3) [rad/s2] in the scene's axes, R J^-1 R^T (torque - w x h): Euler's equations."""
     left = torque - cross(turning(attitude, spin, bodies.mobility), spin)
     return turning(attitude, left, bodies.mobility)
 
 
 def conserving_turn(attitude: Floats, spin: Floats, bodies: Bodies, h: float) -> Floats | None:
-    """Attitudes (r, 3, 3) after a step of h [s] that keeps each body's energy h.w/2; None: no root found.
+    """Attitudes (b, 3, 3) after a step of h [s] that keeps each body's energy h.w/2; None: no root found.
 
     R1 = cay(h w) R0 with Cayley's transform and A w - h/2 (A w) x w = spin, A = R0 J R0^T: the mid-point rule
     on the rotation group (Lewis & Simo, J. Nonlinear Sci. 4 (1994), doi:10.1007/BF02430636).
     """
-    inertia = attitude @ bodies.resistance @ np.swapaxes(attitude, -1, -2)
+    inertia = attitude @ bodies.inertia @ np.swapaxes(attitude, -1, -2)
     w = turning(attitude, spin, bodies.mobility)
     for _ in range(30):
         carried = np.einsum("bij,bj->bi", inertia, w)

@@ -35,7 +35,7 @@ def act(system: System) -> bool:
 def turn(system: System) -> bool:
     """Whether any effect acts by the mass on the attitude of a body."""
     effects = system.effects
-    return bool(len(system.bodies.rigid)) and (effects.orbit is not None or damping_rate(system) > 0.0)
+    return bool(len(system.bodies.names)) and (effects.orbit is not None or damping_rate(system) > 0.0)
 
 
 def damping_rate(system: System) -> float:
@@ -68,13 +68,13 @@ def accelerations(system: System, x: Floats, v: Floats) -> Floats:
 
 
 def torques(system: System, attitude: Floats, turning: Floats) -> Floats:
-    """(r, 3) [N m] on rigid bodies of attitudes (r, 3, 3) that turn with (r, 3) [rad/s], in scene axes."""
+    """(b, 3) [N m] on bodies of attitudes (b, 3, 3) that turn with (b, 3) [rad/s], in scene axes."""
     effects = system.effects
     by_velocity = -damping_rate(system) * np.eye(3)
     if effects.orbit is not None:
         by_velocity = by_velocity + coriolis(effects.orbit)
     field = gradient_of(system) + by_velocity @ skew(turning)
-    second = attitude @ second_moments(system.bodies.resistance) @ np.swapaxes(attitude, -1, -2)
+    second = attitude @ second_moments(system.bodies.inertia) @ np.swapaxes(attitude, -1, -2)
     moment = second @ np.swapaxes(field, -1, -2)
     above, below = moment[:, [1, 2, 0], [2, 0, 1]], moment[:, [2, 0, 1], [1, 2, 0]]
     return np.asarray(above - below)
@@ -83,9 +83,9 @@ def torques(system: System, attitude: Floats, turning: Floats) -> Floats:
 def damping_power(system: System, v: Floats, attitude: Floats, turning: Floats) -> float:
     """Power [W] that damping takes from bodies: twice alpha times their kinetic energy."""
     bodies = system.bodies
-    carried = attitude @ bodies.resistance @ np.swapaxes(attitude, -1, -2) @ turning[..., None]
+    carried = attitude @ bodies.inertia @ np.swapaxes(attitude, -1, -2) @ turning[..., None]
     moving = bodies.free * bodies.mass @ np.sum(v * v, axis=-1)
-    spinning = np.sum(turning * carried[..., 0], axis=-1) @ bodies.free[bodies.rigid]
+    spinning = np.sum(turning * carried[..., 0], axis=-1) @ bodies.free
     return damping_rate(system) * float(moving + spinning)
 
 
@@ -104,7 +104,7 @@ def potential(system: System, x: Floats, attitude: Floats) -> Floats:
 
 
 def propel(system: System, t: float, whole: Whole, mode: Mode, beside: Floats, torque: Floats) -> float:
-    """Adds thrust on bodies to accelerations `beside` (b, 3) [m/s2] and `torque` (r, 3) [N m].
+    """Adds thrust on bodies to accelerations `beside` (b, 3) [m/s2] and `torque` (b, 3) [N m].
 
     Returns the power [W] that it puts in.
     """
@@ -112,11 +112,10 @@ def propel(system: System, t: float, whole: Whole, mode: Mode, beside: Floats, t
     w = turning(whole.attitude, whole.spin, bodies.mobility)
     segments = (None,) * len(system.propelled) if mode.burns is None else mode.burns
     for (body, thruster), segment in zip(system.propelled, segments, strict=True):
-        rigid = int(np.searchsorted(bodies.rigid, body))
-        force, turn = thruster.wrench(t, segment, whole.attitude[rigid], bodies.centre_of_mass[body])
+        force, turn = thruster.wrench(t, segment, whole.attitude[body], bodies.centre_of_mass[body])
         beside[body] += force / bodies.mass[body]
-        torque[rigid] += turn
-        power += float(force @ whole.v[len(system.net.mass) + body] + turn @ w[rigid])
+        torque[body] += turn
+        power += float(force @ whole.v[len(system.net.mass) + body] + turn @ w[body])
     return power
 
 
@@ -124,10 +123,10 @@ def press(
     system: System, whole: Whole, body: int, force: Floats, push: Floats, beside: Floats, torque: Floats
 ) -> None:
     """Adds forces (n, 3) [N] from a rigid body to those on the nodes, and their opposite to what moves it."""
-    n, number = len(push), system.bodies.rigid[body]
+    n = len(push)
     push += force
-    beside[number] -= force.sum(axis=0) / system.bodies.mass[number]
-    torque[body] -= cross(whole.x[:n] - whole.x[n + number], force).sum(axis=0)
+    beside[body] -= force.sum(axis=0) / system.bodies.mass[body]
+    torque[body] -= cross(whole.x[:n] - whole.x[n + body], force).sum(axis=0)
 
 
 def give_where_touched(
@@ -140,12 +139,11 @@ def give_where_touched(
     """
     n = len(system.net.mass)
     for body, force in on_nodes:
-        number = system.bodies.rigid[body]
-        row = np.flatnonzero(system.bodies.driven == number)
+        row = np.flatnonzero(system.bodies.driven == body)
         if not len(row):
             continue
         w = turning(whole.attitude, whole.spin, system.bodies.mobility)[body]
-        moving = whole.v[n + number] + cross(w, whole.x[:n] - whole.x[n + number])
+        moving = whole.v[n + body] + cross(w, whole.x[:n] - whole.x[n + body])
         given[row[0], :3] += force.sum(axis=0)
         given[row[0], 3:6] += cross(whole.x[:n], force).sum(axis=0)
         given[row[0], 6] += np.vdot(force, moving)
@@ -166,18 +164,18 @@ def bear(
     `result` (n, 3) [m/s2] are the accelerations that the nodes would have free; those held then rest.  A
     driven body gives them what is missing of the forces that they need for its motion.
     """
-    bodies, rigid, node = system.bodies, system.bodies.rigid, carried.node
+    bodies, node = system.bodies, carried.node
     borne = system.net.mass[node, None] * result[node]
     result[node] = 0.0
-    push, turn = held.yielding(system, carried, whole.attitude, whole.spin, borne, beside[rigid], torque)
-    beside[rigid] += push / bodies.mass[rigid, None]
+    push, turn = held.yielding(system, carried, whole.attitude, whole.spin, borne, beside, torque)
+    beside += push / bodies.mass[:, None]
     torque += turn
     if not len(bodies.driven):
         return
     w, lever = turning(whole.attitude, whole.spin, bodies.mobility), carried.turned(whole.attitude)
     missing = system.net.mass[node, None] * carried.accelerations(*bodies.accelerations(t), w, lever) - borne
     for row, k in zip(given, bodies.driven.tolist(), strict=True):
-        mine = rigid[carried.body] == k
+        mine = carried.body == k
         row[:3] += missing[mine].sum(axis=0)
         row[3:6] += np.cross(whole.x[node[mine]], missing[mine]).sum(axis=0)
         row[6] += np.vdot(missing[mine], whole.v[node[mine]])
@@ -192,13 +190,13 @@ def given_by_driven(system: System, whole: Whole, push: Floats, thrown: Floats |
     if not len(given):
         return given
     for row, k in zip(given, system.bodies.driven.tolist(), strict=True):
-        mine = system.levers.node[system.bodies.rigid[system.levers.body] == k]
+        mine = system.levers.node[system.levers.body == k]
         force = -push[mine]
         row[:3] = force.sum(axis=0)
         row[3:6] = np.cross(whole.x[mine], force).sum(axis=0)
         row[6] = np.vdot(force, whole.v[mine])
         if thrown is not None and system.barrels is not None and k == system.barrels.body:
-            w = turning(whole.attitude, whole.spin, system.bodies.mobility)[system.barrels.rigid]
+            w = turning(whole.attitude, whole.spin, system.bodies.mobility)[k]
             moving = whole.v[system.chaser] + cross(w, system.bullets_from_chaser(whole.x))
             row[:3] += thrown.sum(axis=0)
             row[3:6] += np.cross(whole.x[system.net.bullet_nodes], thrown).sum(axis=0)
@@ -209,18 +207,18 @@ def given_by_driven(system: System, whole: Whole, push: Floats, thrown: Floats |
 def on_bodies(
     system: System, whole: Whole, push: Floats, beside: Floats, torque: Floats
 ) -> tuple[Floats, float]:
-    """Torques (r, 3) [N m] on the bodies, and the power taken from them [W]; adds to accelerations `beside`.
+    """Torques (b, 3) [N m] on the bodies, and the power taken from them [W]; adds to accelerations `beside`.
 
-    `torque` (r, 3) [N m] is that of launch_force.
+    `torque` (b, 3) [N m] is that of launch_force.
 
     `push` (n, 3) [N] are the forces on the nodes, of which those on points of bodies act on these.
     """
-    taken, rigid = 0.0, system.bodies.rigid
+    taken = 0.0
     if len(system.levers) and len(torque):
         levers = system.levers
         force, turn = levers.wrench(push[levers.node], levers.turned(whole.attitude))
         torque = torque + turn
-        beside[rigid] += force / system.bodies.mass[rigid, None]
+        beside += force / system.bodies.mass[:, None]
     if len(beside) and act(system):
         n = len(push)
         beside += accelerations(system, whole.x[n:], whole.v[n:])
@@ -229,5 +227,5 @@ def on_bodies(
         taken = damping_power(system, whole.v[n:], whole.attitude, w)
     if len(system.bodies.driven) and len(beside):
         beside *= system.bodies.free[:, None]
-        torque = torque * system.bodies.free[rigid, None]
+        torque = torque * system.bodies.free[:, None]
     return torque, taken

@@ -28,7 +28,7 @@ class View:
 class Touched:
     """Forces of contact, and the powers that damping and friction take."""
 
-    on_nodes: list[tuple[int, Floats]]  # rigid body, and the forces (n, 3) [N] from it on the nodes
+    on_nodes: list[tuple[int, Floats]]  # body, and the forces (n, 3) [N] from it on the nodes
     taken: Floats  # (2,) [W] by damping, by friction
 
 
@@ -37,8 +37,8 @@ def views(
 ) -> list[View]:
     """Every group as its body sees it.
 
-    x, v (N, 3) are those of nodes and bodies, `attitude` (r, 3, 3) and angular velocities w (r, 3) those of
-    rigid bodies; `held_now` (R,) nodes on drums.  What a body holds, and what ends there, does not touch it;
+    x, v (N, 3) are those of nodes and bodies, `attitude` (b, 3, 3) and angular velocities w (b, 3) those of
+    bodies; `held_now` (R,) nodes on drums.  What a body holds, and what ends there, does not touch it;
     what is of a packed net touches nothing.
     """
     contacts, net = system.contacts, system.net
@@ -47,7 +47,7 @@ def views(
     if system.reels is not None or packed:
         carried = held.load(system, held_now, packed)
     for group in contacts.groups:
-        centre, axes = n + system.bodies.rigid[group.body], attitude[group.body]
+        centre, axes = n + group.body, attitude[group.body]
         place = (x[:n] - x[centre]) @ axes
         moving = (v[:n] - v[centre]) @ axes - cross(w[group.body] @ axes, place)
         rows = np.arange(len(group.i))
@@ -89,11 +89,9 @@ def view_of_states(
     system: System, x: Floats, v: Floats, bodies: BodyStates, held_now: Floats | None, packed: bool
 ) -> list[View]:
     """The views of one state: x, v (n, 3), bodies (b, ...)."""
-    rigid = system.bodies.rigid
-    attitude = bodies.attitude[rigid]
-    w = np.einsum("bij,bj->bi", attitude, bodies.angular_velocity[rigid])
+    w = np.einsum("bij,bj->bi", bodies.attitude, bodies.angular_velocity)
     both = np.concatenate((x, bodies.position)), np.concatenate((v, bodies.velocity))
-    return views(system, *both, attitude, w, held_now, packed)
+    return views(system, *both, bodies.attitude, w, held_now, packed)
 
 
 def stored(contacts: Contacts, seen: list[View]) -> float:

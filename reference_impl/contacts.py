@@ -32,7 +32,7 @@ class Group:
     """q threads, nodes or bullets that may touch one body."""
 
     name: str  # of the body
-    body: int  # among the rigid ones
+    body: int  # which of the bodies
     parts: tuple[Part, ...]
     what: str  # "element", "node" or "bullet"
     i: Ints  # (q,) nodes; of points both are the same
@@ -235,13 +235,13 @@ def pairs(case: Case, net: Net, bodies: Bodies) -> Contacts | None:
 
 
 def _group(case: Case, net: Net, bodies: Bodies, name: str, what: str) -> Group:
-    law, listed = case.effects.contact, [body.name for body in case.bodies].index(name)
+    law, number = case.effects.contact, bodies.names.index(name)
     assert law is not None
-    body, number = case.bodies[listed], bodies.names.index(name)
+    body = case.bodies[number]
     parts = tuple(part(block, body.edge_radius, bodies.centre_of_mass[number]) for block in body.blocks)
     least = min(float(np.min(block.half)) for block in body.blocks)
     rounding = min(core.rounding for core in parts)
-    attached = net.anchors.node[net.anchors.body == listed]
+    attached = net.anchors.node[net.anchors.body == number]
     if what == "element":
         i, j = net.element_nodes.T
         radius, length = 0.5 * diameter(net), net.reference_length
@@ -260,9 +260,8 @@ def _group(case: Case, net: Net, bodies: Bodies, name: str, what: str) -> Group:
     allowed = radius + min(0.5 * least, rounding)
     if what != "element":  # a large sphere may not come out on the other side
         allowed = np.minimum(allowed, 2.0 * least)
-    place = int(np.searchsorted(bodies.rigid, number))
     whole = Group(
-        name, place, parts, what, i, j, number_of, radius, length, factor, power, along, lag, allowed, 0
+        name, number, parts, what, i, j, number_of, radius, length, factor, power, along, lag, allowed, 0
     )
     return whole.some(np.flatnonzero(~(np.isin(i, attached) | np.isin(j, attached))))
 

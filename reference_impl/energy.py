@@ -102,7 +102,7 @@ def potential(
                 "launch_force stores energy: give the states of the bodies, the chaser among them"
             )
         particles = np.concatenate((x, bodies.position), axis=-2)
-        s = system.ways(particles, bodies.attitude[..., system.bodies.rigid, :, :])
+        s = system.ways(particles, bodies.attitude)
         stored = effects.launch_force.held(s)
         total = total + np.sum(stored if gone is None else np.where(gone, 0.0, stored), axis=-1)
     return np.asarray(total)

@@ -14,8 +14,8 @@ taut at both ends of the step, 0 if slack at both; else E1 - E0 is a sum of like
 material_damping adds max(E tau (b - a)/h, -S), whose product with E1 - E0 is never negative.
 
 Other potentials likewise: quadratic ones (orbit, j2, bending) by the force at the mid-point, constant forces
-as they are, launch_force by the mean force over the way of each bullet, on bullet and chaser.  A free strain
-is taken off E0 and E1.  Rigid bodies turn by Cayley's transform (`bodies.conserving_turn`).
+as they are.  A free strain is taken off E0 and E1.  Bodies turn by Cayley's transform
+(`bodies.conserving_turn`).
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ def unsupported(system: System) -> str:
         reasons.append("effects.self_contact, whose forces have no discrete gradient here")
     if effects.contact is not None:
         reasons.append("effects.contact, whose forces have no discrete gradient here")
-    if system.barrels is not None and system.barrels.rigid is not None:
-        reasons.append("effects.launch_force.body, whose barrels would couple its steps to their turning")
+    if system.barrels is not None:
+        reasons.append("effects.launch_force, whose barrels would couple its steps to their turning")
     if len(system.levers):
         reasons.append("nodes that are points of bodies, which would couple its steps to their turning")
     if system.packed is not None:
@@ -131,10 +131,8 @@ class EnergyMomentum:
 
 
 def _turn(run: Run, h: float) -> Floats:
-    """R, h (12 r,) of the rigid bodies after h [s]."""
+    """R, h (12 b,) of the bodies after h [s]."""
     bodies = run.system.bodies
-    if not len(bodies.rigid):
-        return np.empty(0)
     now = run.layout.held(run.y)
     attitude = conserving_turn(now.attitude, now.spin, bodies, h)
     if attitude is None:
@@ -152,10 +150,7 @@ class _NoRoot(Exception):
 
 @dataclass(frozen=True, eq=False)
 class _Element:
-    """Elements in a step: d_m and d1; S A/L, its derivative with respect to E1, what of it is viscous.
-
-    For bullets in launch_force the mean force along the barrel and its derivative with respect to s1.
-    """
+    """Elements in a step: d_m and d1; S A/L, its derivative with respect to E1, what of it is viscous."""
 
     mid: Floats  # (m, 3) [m]
     end: Floats  # (m, 3) [m]
@@ -163,8 +158,6 @@ class _Element:
     total: Floats  # (m,) [N/m]
     slope: Floats  # (m,) [N/m]
     viscous: Floats  # (m,) [N/m]
-    thrown: Floats  # (k,) [N]
-    easing: Floats  # (k,) [N/m]
 
 
 class _Scheme:
@@ -193,11 +186,6 @@ class _Scheme:
         i, j = system.ends
         all_of = np.arange(len(self.mass))
         rows, columns = [i, j, i, j, all_of, bent.row], [i, j, j, i, all_of, bent.col]
-        if system.barrels is not None:
-            bullets, chaser = net.bullet_nodes, np.full(len(net.bullet_nodes), system.chaser)
-            rows += [bullets, chaser, bullets, chaser]
-            columns += [bullets, chaser, chaser, bullets]
-            self.barrel = system.barrels.axis[:, :, None] * system.barrels.axis[:, None, :]
         self.shape, self.slots, self.pattern = _pattern(
             np.concatenate(rows), np.concatenate(columns), self.free
         )
@@ -224,10 +212,7 @@ class _Scheme:
             slope = np.where(
                 viscous > -elastic, slope + tau / h * stiffness * np.where(e1 > 0.0, 1.0, 0.0), 0.0
             )
-        thrown = easing = np.zeros(0)
-        if (launch := system.effects.launch_force) is not None:
-            thrown, easing = launch.mean(system.ways(x), system.ways(x + u))
-        return _Element(mid, end, change, elastic + viscous, slope, viscous, thrown, easing)
+        return _Element(mid, end, change, elastic + viscous, slope, viscous)
 
     def residual(self, x: Floats, v: Floats, u: Floats, h: float, state: _Element) -> tuple[Floats, Floats]:
         """Out-of-balance forces (N, 3) [N], zero at fixed nodes, and the sizes (N, 3) of what balances."""
@@ -245,11 +230,6 @@ class _Scheme:
         at_work[:n] += system.touching @ np.abs(pull)
         result[:n] = result[:n] + gather(system, pull)
         result += drag - push
-        if system.barrels is not None:
-            thrown = state.thrown[:, None] * system.barrels.axis
-            for sums, sign, force in ((result, 1.0, thrown), (at_work, -1.0, np.abs(thrown))):
-                sums[system.net.bullet_nodes] -= sign * force
-                sums[system.chaser] += np.sum(force, axis=0)
         result[~self.free] = 0.0
         return result, at_work
 
@@ -261,11 +241,7 @@ class _Scheme:
         block += (0.5 * state.total)[:, None, None] * np.eye(3)
         diagonal = (2.0 / h**2 * self.mass + self.drag / h)[:, :, None] * np.eye(3)
         diagonal -= self.mass[:, :, None] * (0.5 * self.gradient + self.coriolis / h)
-        parts = [block, block, -block, -block, diagonal, self.bent]
-        if system.barrels is not None:
-            eased = -state.easing[:, None, None] * self.barrel
-            parts += [eased, eased, -eased, -eased]
-        values = np.concatenate(parts).ravel()
+        values = np.concatenate((block, block, -block, -block, diagonal, self.bent)).ravel()
         indices, indptr = self.pattern
         data = np.bincount(self.slots, values, minlength=len(indices) + 1)[: len(indices)]
         return csc_array((data, indices, indptr), shape=self.shape)

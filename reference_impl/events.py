@@ -1,9 +1,9 @@
-"""Events: elements break, bullets leave or re-enter barrels, nodes go on and off drums; where in a step.
+"""Events: elements break, bullets leave barrels, nodes go on and off drums; where in a step.
 
 An event is a margin that reaches zero from below: of an intact element E11 less its limit, of a pushed bullet
-s less the stroke, of one outside its barrel the stroke less s, unless it is gone for good.  `Watch.landing`
-finds the first one in a step by repeating the step at other lengths until the instant is enclosed (Hairer,
-Norsett, Wanner, Solving ODEs I, II.6), so that the state there has the full order of the method.
+s less the stroke.  `Watch.landing` finds the first one in a step by repeating the step at other lengths until
+the instant is enclosed (Hairer, Norsett, Wanner, Solving ODEs I, II.6), so that the state there has the full
+order of the method.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Watch:
         return self.margins(whole.x, whole.attitude, mode, self.layout.wound(y))
 
     def margins(self, x: Floats, attitude: Floats, mode: Mode, wound: Wound) -> Floats:
-        """Margins (..., q) at places x (..., N, 3) and attitudes (..., r, 3, 3).
+        """Margins (..., q) at places x (..., N, 3) and attitudes (..., b, 3, 3).
 
         2 R of reels, m of strain, k of ways [m]: strain where things can break; reels: see `Reels.margins`.
         """
@@ -77,23 +77,16 @@ class Watch:
             parts.append(np.where(mode.intact, over, -np.inf))
         if mode.pushed is not None and self.system.effects.launch_force is not None:
             beyond = self.system.ways(x, attitude) - self.system.effects.launch_force.stroke
-            margin = np.where(mode.pushed, beyond, -beyond)
-            parts.append(margin if mode.gone is None else np.where(mode.gone, -np.inf, margin))
+            parts.append(np.where(mode.pushed, beyond, -np.inf))
         return np.concatenate(parts, axis=-1)
 
     def due(self, y: Floats, mode: Mode, certain: int | None = None) -> np.ndarray:
-        """Which margins (q,) are reached in y within TOGETHER, the `certain` one among them.
-
-        A bullet counts only while it moves towards the event: one that has just left has not come back.
-        """
+        """Which margins (q,) are reached in y within TOGETHER, the `certain` one among them."""
         whole = self.layout.whole(y)
         w = turning(whole.attitude, whole.spin, self.system.bodies.mobility)
         x, attitude = whole.x + TOGETHER * whole.v, turned(whole.attitude, TOGETHER * w)
         margin, later = self.at(y, mode), self.margins(x, attitude, mode, self.layout.wound(y))
         reached = (margin >= 0.0) | (later >= 0.0)
-        if mode.pushed is not None:
-            bullets = slice(len(margin) - len(mode.pushed), None)
-            reached[bullets] &= later[bullets] > margin[bullets]
         reels = self.due_of_reels(y, TOGETHER)
         reached[: len(reels)] = reels
         if certain is not None:
@@ -118,8 +111,7 @@ class Watch:
             intact[broken] = False
             mode = replace(mode, intact=intact)
         if mode.pushed is not None:
-            pushed = mode.pushed ^ reached[len(reached) - len(mode.pushed) :]
-            mode = replace(mode, pushed=pushed, gone=None if mode.gone is None else mode.gone | ~pushed)
+            mode = replace(mode, pushed=mode.pushed & ~reached[len(reached) - len(mode.pushed) :])
         return mode, breaks
 
     def landing(
@@ -195,7 +187,7 @@ def _wound_between(layout: Layout, ends: tuple[Floats, Floats], rates: Floats, h
 
 
 def _between(layout: Layout, ends: tuple[Floats, Floats], rates: Floats, h: float) -> tuple[Floats, Floats]:
-    """Positions (16, N, 3) and attitudes (16, r, 3, 3) at _SAMPLES of a step."""
+    """Positions (16, N, 3) and attitudes (16, b, 3, 3) at _SAMPLES of a step."""
     place, attitude = [], []
     for y, rate in zip(ends, rates, strict=True):
         whole = layout.whole(y)

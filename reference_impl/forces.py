@@ -184,7 +184,7 @@ def acceleration(
     (`closing.Drawn`), needed where something does.  Friction that sticks has nothing to remember here.
     Raises ValueError without the bodies, reels or amount that it needs.
     """
-    n, levers, rigid = len(system.net.mass), system.levers, system.bodies.rigid
+    n, levers = len(system.net.mass), system.levers
     if bodies is None:
         if system.effects.launch_force is not None:
             raise ValueError("launch_force acts between bullets and chaser: give the states of the bodies")
@@ -195,25 +195,28 @@ def acceleration(
         if system.packs(t):
             raise ValueError("a body holds the net: give the states of the bodies")
         return motion(system, t, x, v, Mode(intact), drawn)[0][:n]
-    attitude, own = bodies.attitude[rigid], bodies.angular_velocity[rigid]
-    spin = np.einsum("bij,bjk,bk->bi", attitude, system.bodies.resistance, own)
+    attitude, own = bodies.attitude, bodies.angular_velocity
+    spin = np.einsum("bij,bjk,bk->bi", attitude, system.bodies.inertia, own)
     w, lever = np.einsum("bij,bj->bi", attitude, own), levers.turned(attitude)
     x, v = np.concatenate((x, bodies.position)), np.concatenate((v, bodies.velocity))
-    x[levers.node] = levers.places(bodies.position[rigid], lever)
-    v[levers.node] = levers.velocities(bodies.velocity[rigid], w, lever)
+    x[levers.node] = levers.places(bodies.position, lever)
+    v[levers.node] = levers.velocities(bodies.velocity, w, lever)
     packed = held.load(system, None, system.packs(t))
     lever_of_packed = packed.turned(attitude)
-    x[packed.node] = packed.places(bodies.position[rigid], lever_of_packed)
-    v[packed.node] = packed.velocities(bodies.velocity[rigid], w, lever_of_packed)
+    x[packed.node] = packed.places(bodies.position, lever_of_packed)
+    v[packed.node] = packed.velocities(bodies.velocity, w, lever_of_packed)
     whole = Whole(x, v, attitude, spin, drawn=drawn)
     if reels is not None and system.reels is not None:
         whole = Whole(x, v, attitude, spin, reels.wound_up, reels.held, drawn=drawn)
         held.place(system, x, reels.held)
         held.place(system, v, reels.held)
-    found = response(system, t, whole, Mode(intact, gone=gone))
+    pushed = None
+    if gone is not None and (launch := system.effects.launch_force) is not None:
+        pushed = ~gone & (system.ways(x, attitude) < launch.stroke)
+    found = response(system, t, whole, Mode(intact, pushed))
     given, turned = system.bodies.accelerations(t)
-    free = system.bodies.free[rigid, None]
-    linear = found.acceleration[n:][rigid] + given
+    free = system.bodies.free[:, None]
+    linear = found.acceleration[n:] + given
     angular = turned + free * turning_rate(attitude, spin, found.torque, system.bodies)
     result = found.acceleration[:n].copy()
     result[levers.node] = levers.accelerations(linear, angular, w, lever)
@@ -231,9 +234,9 @@ def motion(
     x, v (N, 3) [m, m/s] are those of the n nodes and then of the bodies; without bodies, N = n.  Bodies
     are taken to rest in the scene's axes; `response` knows how they turn.
     """
-    r = len(system.bodies.rigid)
+    b = len(system.bodies.names)
     found = response(
-        system, t, Whole(x, v, np.tile(np.eye(3), (r, 1, 1)), np.zeros((r, 3)), drawn=drawn), mode
+        system, t, Whole(x, v, np.tile(np.eye(3), (b, 1, 1)), np.zeros((b, 3)), drawn=drawn), mode
     )
     return found.acceleration, found.power
 
@@ -277,8 +280,7 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         push[system.net.bullet_nodes] += thrown
         back, turn = reaction(thrown, system.bullets_from_chaser(x))
         beside[system.barrels.body] = back / system.bodies.mass[system.barrels.body]
-        if system.barrels.rigid is not None:
-            torque[system.barrels.rigid] = turn
+        torque[system.barrels.body] = turn
     packed = system.packs(t) if whole.packed is None else bool(np.any(whole.packed))
     pressed = _touched(system, whole, mode, packed)
     for body, force in pressed.on_nodes:
@@ -312,10 +314,8 @@ def _pushes(system: System, whole: Whole, mode: Mode) -> Floats:
     launch, barrels = system.effects.launch_force, system.barrels
     assert launch is not None
     assert barrels is not None
-    s, pushed = system.ways(whole.x, whole.attitude), mode.pushed
-    if pushed is None and mode.gone is not None:
-        pushed = (s < launch.stroke) & ~mode.gone
-    return np.asarray(launch.push(s, pushed)[:, None] * barrels.directions(whole.attitude))
+    push = launch.push(system.ways(whole.x, whole.attitude), mode.pushed)
+    return np.asarray(push[:, None] * barrels.directions(whole.attitude))
 
 
 def _touched(system: System, whole: Whole, mode: Mode, packed: bool) -> contact_forces.Touched:

@@ -65,8 +65,8 @@ def place_packed(system: System, x: Floats, packed: Floats, values: Floats) -> N
 
 
 def own_inertia(system: System, attitude: Floats, body: int) -> Floats:
-    """I (3, 3) [kg m2] of a rigid body in the scene's axes, of attitudes (r, 3, 3)."""
-    return np.asarray(attitude[body] @ system.bodies.resistance[body] @ attitude[body].T)
+    """I (3, 3) [kg m2] of a rigid body in the scene's axes, of attitudes (b, 3, 3)."""
+    return np.asarray(attitude[body] @ system.bodies.inertia[body] @ attitude[body].T)
 
 
 def inertia(system: System, held: Levers, attitude: Floats, body: int) -> Floats:
@@ -75,7 +75,7 @@ def inertia(system: System, held: Levers, attitude: Floats, body: int) -> Floats
     mass, arm = system.net.mass[mine.node], skew(mine.turned(attitude))
     first = np.einsum("q,qij->ij", mass, arm)
     matrix = np.empty((6, 6))
-    matrix[:3, :3] = (system.bodies.mass[system.bodies.rigid[body]] + mass.sum()) * np.eye(3)
+    matrix[:3, :3] = (system.bodies.mass[body] + mass.sum()) * np.eye(3)
     matrix[3:, :3], matrix[:3, 3:] = first, -first
     matrix[3:, 3:] = own_inertia(system, attitude, body) + np.einsum("q,qji,qjk->ik", mass, arm, arm)
     return matrix
@@ -90,13 +90,12 @@ def yielding(
     acceleration: Floats,
     torque: Floats,
 ) -> tuple[Floats, Floats]:
-    """Changes of force [N] and torque [N m] (r, 3) on the bodies, by forces P = borne (q, 3) [N] on the held.
+    """Changes of force [N] and torque [N m] (b, 3) on the bodies, by forces P = borne (q, 3) [N] on the held.
 
-    attitude (r, 3, 3) and spin (r, 3) of the rigid bodies; acceleration (r, 3) [m/s2] and torque (r, 3) [N m]
+    attitude (b, 3, 3) and spin (b, 3) of the bodies; acceleration (b, 3) [m/s2] and torque (b, 3) [N m]
     are what they have without what they hold.
     """
-    bodies = system.bodies
-    free = bodies.free[bodies.rigid]
+    bodies, free = system.bodies, system.bodies.free
     force, turn = np.zeros_like(torque), np.zeros_like(torque)
     lever, w = held.turned(attitude), turning(attitude, spin, bodies.mobility)
     angular = turning_rate(attitude, spin, torque, bodies) * free[:, None]
@@ -109,6 +108,6 @@ def yielding(
             change = np.linalg.solve(inertia(system, held, attitude, body), pull)
         except np.linalg.LinAlgError:  # of no rotation: a trial step far beyond what will be accepted
             change = np.full(6, np.nan)
-        force[body] = bodies.mass[bodies.rigid[body]] * change[:3]
+        force[body] = bodies.mass[body] * change[:3]
         turn[body] = own_inertia(system, attitude, body) @ change[3:]
     return force, turn

@@ -71,10 +71,10 @@ def _kept(layout: Layout, y: Floats, after: Floats, body: int, node: Ints, onto:
     The nodes (q,) come to the body, `onto`, or leave it, to the places and velocities that they have after.
     """
     system, whole, rows = layout.system, layout.whole(y), layout.held(after)
-    bodies, attitude, particle = system.bodies, whole.attitude, system.bodies.rigid[body]
+    bodies, attitude, own = system.bodies, whole.attitude, layout.nodes + body
     mass = system.net.mass[node]
-    if bodies.free[particle]:
-        centre, own = whole.x[layout.nodes + particle], layout.nodes + particle
+    if bodies.free[body]:
+        centre = whole.x[own]
         if onto:
             gained = _momenta(mass, whole.x[node] - centre, whole.v[node])
         else:
@@ -85,11 +85,11 @@ def _kept(layout: Layout, y: Floats, after: Floats, body: int, node: Ints, onto:
         rows.v[own] = motion[:3]
         rows.spin[body] = own_inertia(system, attitude, body) @ motion[3:]
     else:
-        then, own = layout.whole(after), layout.nodes + particle
+        then = layout.whole(after)
         centre, w = whole.x[own], turning(attitude, whole.spin, bodies.mobility)[body]
         had = _momenta(mass, whole.x[node] - centre, whole.v[node])
         change = _momenta(mass, then.x[node] - centre, then.v[node]) - had
-        row = np.flatnonzero(bodies.driven == particle)[0]
+        row = np.flatnonzero(bodies.driven == body)[0]
         books = after[layout.booked : -1].reshape(-1, 7)[row]
         books[:6] += change
         books[3:6] += cross(centre, change[:3])

@@ -1,8 +1,8 @@
 """What leaves a body: bullets along the barrels of launch_force, and a packed net when it is ejected.
 
-A chaser is a point mass, whose barrels keep their directions, or a rigid body, in whose axes they rest.  With
-the body's rotation R and centre of mass X, a barrel a and the place r0 of its bullet at the start, both in
-the body's axes, and l = x - X, the way and its rate are (Goldstein, Classical Mechanics, ch. 4.9)
+Barrels rest in the axes of a rigid body, the chaser.  With the body's rotation R and centre of mass X, a
+barrel a and the place r0 of its bullet at the start, both in the body's axes, and l = x - X, the way and its
+rate are (Goldstein, Classical Mechanics, ch. 4.9)
 
     s = a.(R^T l - r0),  s' = n.(v - V - w x l),  n = R a.
 
@@ -24,7 +24,6 @@ from reference_impl.arrays import Floats, cross, dot
 from reference_impl.attachments import Levers
 from reference_impl.bodies import Bodies, BodyStates
 from reference_impl.case import Case
-from reference_impl.effects.launch_force import CHASER
 from reference_impl.net import Net
 from reference_impl.start import initial_state, net_axes, spread, thrown
 
@@ -33,27 +32,18 @@ from reference_impl.start import initial_state, net_axes, spread, thrown
 class Barrels:
     """k barrels of one chaser."""
 
-    axis: Floats  # a (k, 3), unit vectors in the chaser's axes; those of a point mass are the scene's
+    axis: Floats  # a (k, 3), unit vectors in the chaser's axes
     start: Floats  # r0 (k, 3) [m] of the bullets at t = 0, from its centre of mass, in these axes
     body: int  # which of the bodies it is
-    rigid: int | None = None  # which of the rigid ones; None for a point mass
 
-    def directions(self, attitude: Floats | None) -> Floats:
-        """n (..., k, 3) in the scene's axes, of attitudes R (..., r, 3, 3)."""
-        if self.rigid is None:
-            return self.axis
-        return np.asarray(np.einsum("...ij,kj->...ki", self._own(attitude), self.axis))
+    def directions(self, attitude: Floats) -> Floats:
+        """n (..., k, 3) in the scene's axes, of attitudes R (..., b, 3, 3)."""
+        return np.asarray(np.einsum("...ij,kj->...ki", attitude[..., self.body, :, :], self.axis))
 
-    def ways(self, lever: Floats, attitude: Floats | None) -> Floats:
+    def ways(self, lever: Floats, attitude: Floats) -> Floats:
         """s (..., k) [m] of bullets at l (..., k, 3) [m] from the chaser."""
-        if self.rigid is not None:
-            lever = np.einsum("...ji,...kj->...ki", self._own(attitude), lever)
-        return dot(lever - self.start, self.axis)
-
-    def _own(self, attitude: Floats | None) -> Floats:
-        if attitude is None:
-            raise ValueError("the barrels of launch_force turn with a body: give the attitudes of the bodies")
-        return np.asarray(attitude[..., self.rigid, :, :])
+        own = np.einsum("...ji,...kj->...ki", attitude[..., self.body, :, :], lever)
+        return dot(own - self.start, self.axis)
 
 
 def reaction(thrown: Floats, lever: Floats) -> tuple[Floats, Floats]:
@@ -73,14 +63,11 @@ def aimed(case: Case, net: Net, bodies: Bodies, states: BodyStates) -> Barrels |
     launch = case.effects.launch_force
     if launch is None:
         return None
-    axis = spread(net, launch.spread_angle)
-    body = bodies.names.index(CHASER if launch.body is None else launch.body)
+    body = bodies.names.index(launch.body)
     start = initial_state(case, net)[0][net.bullet_nodes] - states.position[body]
-    if launch.body is None:
-        return Barrels(axis, start, body)
     attitude = states.attitude[body]
-    axis = axis @ net_axes(case).T @ attitude
-    return Barrels(axis, start @ attitude, body, int(np.searchsorted(bodies.rigid, body)))
+    axis = spread(net, launch.spread_angle) @ net_axes(case).T @ attitude
+    return Barrels(axis, start @ attitude, body)
 
 
 ROUND_OFF = 1e-15  # part of the time of an ejection within which another time is the same
@@ -100,7 +87,7 @@ class Packed:
 
     @property
     def body(self) -> int:
-        """Which of the rigid bodies holds them."""
+        """Which of the bodies holds them."""
         return int(self.levers.body[0])
 
 
@@ -115,5 +102,4 @@ def packed(case: Case, net: Net, bodies: Bodies) -> Packed | None:
     place, velocity = (values[node] @ carrier.attitude.T for values in thrown(case, net))
     body = bodies.names.index(carrier.body)
     arm = carrier.position + place - bodies.centre_of_mass[body]
-    rigid = np.full(len(node), np.searchsorted(bodies.rigid, body))
-    return Packed(Levers(node, rigid, arm, len(bodies.rigid)), velocity, carrier.eject_at)
+    return Packed(Levers(node, np.full(len(node), body), arm, len(bodies.names)), velocity, carrier.eject_at)

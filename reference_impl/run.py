@@ -13,7 +13,6 @@ from reference_impl.arrays import Bools, Floats, Ints, orthonormal
 from reference_impl.bodies import BodyStates
 from reference_impl.closing import LONGEST, Drawn, Line, order_at
 from reference_impl.contacts import gaps
-from reference_impl.effects.launch_force import LaunchForce
 from reference_impl.elements import strain
 from reference_impl.events import Break, Watch
 from reference_impl.forces import response, seen
@@ -44,7 +43,7 @@ class Trajectory:
     breaks: tuple[Break, ...]  # in order of time
     given: Given  # (nt, b, ...) by bodies whose motion is given
     reels: Wound  # (nt, R)
-    gone: Bools  # (nt, k) bullets that have left their barrels in a body for good
+    gone: Bools  # (nt, k) bullets that have left their barrels
     drawn: Drawn  # (nt, c) of what closes the mouth
     rubbing: Floats  # (nt, 2) [J] taken where bodies are touched, by damping and by friction
 
@@ -121,13 +120,12 @@ class Run:
     def begin(self) -> None:
         """Sets the mode at the start; bullets change theirs at events."""
         effects = self.system.effects
-        pushed = gone = None
-        if effects.launch_force is not None:
-            beyond = self._beyond(effects.launch_force)
-            pushed = ~beyond
-            gone = beyond if effects.launch_force.body is not None else None
+        pushed = None
+        if (launch := effects.launch_force) is not None:
+            whole = self.layout.whole(self.y)
+            pushed = self.system.ways(whole.x, whole.attitude) < launch.stroke
         intact = np.ones(len(self.system.net.area), dtype=bool) if effects.breaking is not None else None
-        self.mode = Mode(intact, pushed, gone)
+        self.mode = Mode(intact, pushed)
         self.enter_segment()
         self.break_exceeded()
         self.check_depth()
@@ -207,7 +205,7 @@ class Run:
             lines, n = view.group.some(view.rows), self.layout.nodes
             if not len(lines.i):
                 continue
-            body = acceleration[n + self.system.bodies.rigid[lines.body]]
+            body = acceleration[n + lines.body]
             size = np.linalg.norm(acceleration[:n] - body, axis=1)
             speed = np.linalg.norm(view.w, axis=1)
             way = np.maximum(gaps(lines, view.x), 0.25 * lines.allowed)
@@ -253,7 +251,7 @@ class Run:
         """Ends a step at t in y, which must be finite; attitudes are made orthonormal."""
         if not np.all(np.isfinite(y)):
             raise Breakdown(f"the state became infinite in a step of {t - self.t:.3g} s")
-        if len(self.system.bodies.rigid):
+        if len(self.system.bodies.names):
             y = y.copy()
             y[2 * self.half : self.layout.turned] = orthonormal(self.layout.held(y).attitude).ravel()
         self.t, self.y = t, y
@@ -292,11 +290,6 @@ class Run:
         self.settle(reached)
         return True
 
-    def _beyond(self, launch: LaunchForce) -> Bools:
-        """Which bullets (k,) are out of their barrels now."""
-        whole = self.layout.whole(self.y)
-        return np.asarray(self.system.ways(whole.x, whole.attitude) >= launch.stroke)
-
     def store(self, t: float, y: Floats, mode: Mode) -> None:
         self.times.append(t)
         self.stored.append(y.copy())
@@ -306,7 +299,7 @@ class Run:
         y = np.array(self.stored).reshape(len(self.times), -1)
         n, m, k = self.layout.nodes, len(self.system.net.area), len(self.system.net.bullet_nodes)
         whole, none = np.ones(m, dtype=bool), np.zeros(k, dtype=bool)
-        gone = [none if mode.gone is None else mode.gone for mode in self.modes]
+        gone = [none if mode.pushed is None else ~mode.pushed for mode in self.modes]
         intact = [whole if mode.intact is None else mode.intact for mode in self.modes]
         return Trajectory(
             np.array(self.times),

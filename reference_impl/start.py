@@ -21,7 +21,6 @@ from scipy.spatial import cKDTree
 from reference_impl.arrays import Floats, Ints, skew, turned
 from reference_impl.bodies import Body, loaded
 from reference_impl.case import BodyPoint, Case, Fold, Places
-from reference_impl.effects.launch_force import CHASER
 from reference_impl.net import Net, between
 from reference_impl.reels import at_start, chain
 from reference_impl.table import Refused
@@ -36,15 +35,8 @@ def initial_state(case: Case, net: Net) -> tuple[Floats, Floats]:
 
 
 def initial_bodies(case: Case, net: Net) -> tuple[Body, ...]:
-    """The bodies of a case: a chaser that is a point mass first, in the origin, then those listed.
-
-    With the mass of the nodes that are points of them.
-    """
-    launch = case.effects.launch_force
-    listed = _start(case, net)[2]
-    if launch is None or launch.chaser_mass is None:
-        return listed
-    return (Body(CHASER, launch.chaser_mass, velocity=np.array(case.start.velocity)), *listed)
+    """The bodies of a case, with the mass of the nodes that are points of them."""
+    return _start(case, net)[2]
 
 
 def thrown(case: Case, net: Net) -> tuple[Floats, Floats]:
@@ -66,7 +58,7 @@ def net_axes(case: Case) -> Floats:
 
 
 def _start(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
-    """Positions, velocities (n, 3), and the listed bodies."""
+    """Positions, velocities (n, 3), and the bodies."""
     position, velocity, bodies, throw = _before(case, net)
     carrier = case.start.carrier
     if carrier is not None and carrier.eject_at:
@@ -93,12 +85,12 @@ def thrown_at_start(case: Case, net: Net) -> Floats | None:
 
 
 def before_throw(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
-    """Positions [m] and velocities [m/s] (n, 3), and the listed bodies, as a throw at time 0 finds them."""
+    """Positions [m] and velocities [m/s] (n, 3), and the bodies, as a throw at time 0 finds them."""
     return _before(case, net)[:3]
 
 
 def _before(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...], Floats]:
-    """Positions, velocities (n, 3) and the listed bodies before a throw, and the throw (n, 3) [m/s]."""
+    """Positions, velocities (n, 3) and the bodies before a throw, and the throw (n, 3) [m/s]."""
     position, velocity = _cast(case, net)
     throw = _throw(case, net)
     bodies = tuple(_with_nodes(body, net, number) for number, body in enumerate(case.bodies))

@@ -3,7 +3,7 @@
 Within a step the mode is held, so that every stage sees smooth forces; it changes between steps.
 
 x, v: positions and velocities of N = n + b particles, the net's nodes and the bodies' centres of mass; R, h:
-rotation matrices and angular momenta of the r rigid bodies (`bodies`); W: the energy that has left.
+rotation matrices and angular momenta of the bodies (`bodies`); W: the energy that has left.
 
 Where motions are given, time and what these d bodies gave stand before W: impulse, angular impulse, work.
 Of the R reels the lengths wound up and the numbers of nodes on the drums stand after the time, their work
@@ -41,12 +41,12 @@ from reference_impl.system import System
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """All that moves: N = n + b particles, nodes and then bodies, and r rigid bodies."""
+    """All that moves: N = n + b particles, nodes and then bodies."""
 
     x: Floats  # (..., N, 3) [m]
     v: Floats  # (..., N, 3) [m/s]
-    attitude: Floats  # R (..., r, 3, 3)
-    spin: Floats  # h (..., r, 3) [kg m2/s] about the centres of mass, in the scene's axes
+    attitude: Floats  # R (..., b, 3, 3)
+    spin: Floats  # h (..., b, 3) [kg m2/s] about the centres of mass, in the scene's axes
     wound_up: Floats | None = None  # s (..., R) [m] of the reels
     held: Floats | None = None  # k (..., R)
     packed: Floats | None = None  # (..., 1) 1 while a body holds the net, then 0; None: the time decides
@@ -59,7 +59,7 @@ class Response:
     """What the forces do: accelerations (zero without a motion of one's own), torques, power that leaves."""
 
     acceleration: Floats  # (N, 3) [m/s2]
-    torque: Floats  # (r, 3) [N m] about the centres of mass
+    torque: Floats  # (b, 3) [N m] about the centres of mass
     power: float  # [W]
     given: Floats  # (d, 7) by driven bodies: force [N], torque about the origin [N m], power [W]
     reeling: Floats  # (2, R) of reels: ds/dt [m/s], power on their tethers [W]
@@ -76,7 +76,6 @@ class Mode:
 
     intact: Bools | None = None  # (m,); None: none is broken
     pushed: Bools | None = None  # (k,) by launch_force; None: those with s < stroke
-    gone: Bools | None = None  # (k,) bullets that have left barrels for good; None: none ever does
     segment: int | None = None  # of thrust, see `Thrust.at`; None: the one that holds at t
     burns: tuple[int, ...] | None = None  # likewise of `System.propelled`
     orders: tuple[int, ...] | None = None  # of reels, see `Reels.orders`; None: those that hold at t
@@ -98,7 +97,7 @@ class Given:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the parts of y are: size 6 N + 12 r + 3 R + 2 c + 1, and 7 d + 1 more with d > 0 driven bodies.
+    """Where the parts of y are: size 6 N + 12 b + 3 R + 2 c + 1, and 7 d + 1 more with d > 0 driven bodies.
 
     One more with a net that a body ejects; with contact 3 P + 2 more, or 2 where friction has no memory.
     """
@@ -122,12 +121,12 @@ class Layout:
     @cached_property
     def turned(self) -> int:
         """Where attitudes end and angular momenta begin."""
-        return 2 * self.half + 9 * len(self.bodies.rigid)
+        return 2 * self.half + 9 * len(self.bodies.names)
 
     @cached_property
     def moved(self) -> int:
         """Where the motion ends and the balances begin."""
-        return self.turned + 3 * len(self.bodies.rigid)
+        return self.turned + 3 * len(self.bodies.names)
 
     @cached_property
     def controlled(self) -> int:
@@ -198,16 +197,16 @@ class Layout:
 
     def held(self, y: Floats) -> Whole:
         """The rows of y as they stand."""
-        lead, r = y.shape[:-1], len(self.bodies.rigid)
+        lead = y.shape[:-1]
         return Whole(
             y[..., : self.half].reshape(*lead, -1, 3),
             y[..., self.half : 2 * self.half].reshape(*lead, -1, 3),
-            y[..., 2 * self.half : self.turned].reshape(*lead, r, 3, 3),
-            y[..., self.turned : self.moved].reshape(*lead, r, 3),
+            y[..., 2 * self.half : self.turned].reshape(*lead, -1, 3, 3),
+            y[..., self.turned : self.moved].reshape(*lead, -1, 3),
         )
 
     def whole(self, y: Floats) -> Whole:
-        """x, v (..., N, 3), R (..., r, 3, 3) and h (..., r, 3) of all particles and rigid bodies."""
+        """x, v (..., N, 3), R (..., b, 3, 3) and h (..., b, 3) of all particles and bodies."""
         whole = self._led(y)
         if self.closings:
             whole = replace(whole, drawn=self.drawn(y).amount)
@@ -221,14 +220,14 @@ class Layout:
         x, v = held.x.copy(), held.v.copy()
         lever = levers.turned(held.attitude)
         w = turning(held.attitude, held.spin, self.bodies.mobility)
-        rigid = self.nodes + self.bodies.rigid
-        x[..., levers.node, :] = levers.places(x[..., rigid, :], lever)
-        v[..., levers.node, :] = levers.velocities(v[..., rigid, :], w, lever)
+        bodies = slice(self.nodes, None)
+        x[..., levers.node, :] = levers.places(x[..., bodies, :], lever)
+        v[..., levers.node, :] = levers.velocities(v[..., bodies, :], w, lever)
         if self.system.packed is not None and np.any(there := self.packed(y)):
             levers = self.system.packed.levers
             lever = levers.turned(held.attitude)
-            place_packed(self.system, x, there, levers.places(x[..., rigid, :], lever))
-            place_packed(self.system, v, there, levers.velocities(v[..., rigid, :], w, lever))
+            place_packed(self.system, x, there, levers.places(x[..., bodies, :], lever))
+            place_packed(self.system, v, there, levers.velocities(v[..., bodies, :], w, lever))
         if not self.reels:
             return Whole(x, v, held.attitude, held.spin, packed=self.packed(y))
         wound = self.wound(y)
@@ -241,17 +240,17 @@ class Layout:
         if not self.clocks:
             return held
         whole = Whole(held.x.copy(), held.v.copy(), held.attitude.copy(), held.spin.copy())
-        for k, rigid, motion in self._motions(y):
+        for k, motion in self._motions(y):
             whole.x[..., self.nodes + k, :] = motion.position
             whole.v[..., self.nodes + k, :] = motion.velocity
-            whole.attitude[..., rigid, :, :] = motion.attitude
+            whole.attitude[..., k, :, :] = motion.attitude
             own = np.einsum("...ji,...j->...i", motion.attitude, motion.turning)
-            carried = own @ self.bodies.resistance[rigid].T
-            whole.spin[..., rigid, :] = np.einsum("...ij,...j->...i", motion.attitude, carried)
+            carried = own @ self.bodies.inertia[k].T
+            whole.spin[..., k, :] = np.einsum("...ij,...j->...i", motion.attitude, carried)
         return whole
 
-    def _motions(self, y: Floats) -> list[tuple[int, int, Guided]]:
-        """Driven bodies: number, number among the rigid ones, motion in the states y."""
+    def _motions(self, y: Floats) -> list[tuple[int, Guided]]:
+        """Driven bodies: number, motion in the states y."""
         return self.bodies.motions(y[..., self.moved]) if self.clocks else []
 
     def positions(self, y: Floats) -> Floats:
@@ -269,9 +268,9 @@ class Layout:
             return change.v
         whole, result = self.whole(y), change.v.copy()
         w, angular = self.turnings(y, rate)
-        for k, _, motion in self._motions(y):
+        for k, motion in self._motions(y):
             result[..., self.nodes + k, :] = motion.acceleration
-        linear = result[..., self.nodes + self.bodies.rigid, :]
+        linear = result[..., self.nodes :, :]
         lever = levers.turned(whole.attitude)
         result[..., levers.node, :] = levers.accelerations(linear, angular, w, lever)
         if self.system.packed is not None and np.any(there := self.packed(y)):
@@ -283,11 +282,11 @@ class Layout:
         return result
 
     def turnings(self, y: Floats, rate: Floats) -> tuple[Floats, Floats]:
-        """w [rad/s], w' [rad/s2] (..., r, 3) in the scene's axes, in the states y, whose rates are dy/dt."""
+        """w [rad/s], w' [rad/s2] (..., b, 3) in the scene's axes, in the states y, whose rates are dy/dt."""
         whole = self.whole(y)
         angular = turning_rate(whole.attitude, whole.spin, self.held(rate).spin, self.bodies)
-        for _, rigid, motion in self._motions(y):
-            angular[..., rigid, :] = motion.angular
+        for k, motion in self._motions(y):
+            angular[..., k, :] = motion.angular
         return turning(whole.attitude, whole.spin, self.bodies.mobility), angular
 
     def pack(self, x: Floats, v: Floats, bodies: BodyStates | None, t: float = 0.0) -> Floats:
@@ -296,14 +295,11 @@ class Layout:
             closing = self.system.closing
             drawn = () if closing is None else (closing.begin, 0.0)
             return np.concatenate((np.ravel(x), np.ravel(v), drawn, (0.0,)))
-        rigid = self.bodies.rigid
-        attitude = bodies.attitude[rigid]
-        own = np.einsum("bij,bj->bi", self.bodies.resistance, bodies.angular_velocity[rigid])
-        spin = np.einsum("bij,bj->bi", attitude, own)
+        own = np.einsum("bij,bj->bi", self.bodies.inertia, bodies.angular_velocity)
+        spin = self.bodies.free[:, None] * np.einsum("bij,bj->bi", bodies.attitude, own)
         moving = np.array(v, dtype=float)
         moving[self.system.levers.node] = 0.0
         drifting = self.bodies.free[:, None] * bodies.velocity
-        spin = self.bodies.free[rigid, None] * spin
         books = np.zeros(self.reels + self.closings + 7 * len(self.bodies.driven) + 1)
         if (begun := self.system.begun) is not None and t == 0.0:
             books[-1] = begun.left
@@ -318,7 +314,8 @@ class Layout:
         rubbed = np.zeros(self.rubbed - self.controlled)
         moving[load(self.system, held, self.system.packs(t)).node] = 0.0
         clock = np.full(self.clocks, t)
-        parts = (x, bodies.position, moving, drifting, attitude, spin, clock, wound, rubbed, packed, books)
+        motion = (x, bodies.position, moving, drifting, bodies.attitude, spin)
+        parts = (*motion, clock, wound, rubbed, packed, books)
         return np.concatenate([np.ravel(part) for part in parts])
 
     def rate(self, y: Floats, whole: Whole, response: Response) -> Floats:
@@ -326,10 +323,10 @@ class Layout:
         parts = [y[self.half : 2 * self.half], response.acceleration.ravel()]
         if self.booked == 2 * self.half and not self.clocks:  # points alone
             return np.concatenate((*parts, (response.power,)))
-        if len(self.bodies.rigid):
+        if len(self.bodies.names):
             turned = attitude_rate(whole.attitude, whole.spin, self.bodies.mobility)
             if self.clocks:
-                turned = self.bodies.free[self.bodies.rigid, None, None] * turned
+                turned = self.bodies.free[:, None, None] * turned
             parts += [turned.ravel(), response.torque.ravel()]
         if self.clocks:
             parts.append(np.ones(1))
@@ -353,12 +350,9 @@ class Layout:
 
     def body_states(self, y: Floats) -> BodyStates:
         """States (..., b, ...) of the bodies, attitudes made orthonormal."""
-        shape = (*y.shape[:-1], len(self.bodies.names))
-        attitude, angular = np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy(), np.zeros((*shape, 3))
         whole = self.whole(y)
-        if len(rigid := self.bodies.rigid):
-            attitude[..., rigid, :, :] = turned = orthonormal(whole.attitude)
-            angular[..., rigid, :] = own_turning(turned, whole.spin, self.bodies.mobility)
+        attitude = orthonormal(whole.attitude)
+        angular = own_turning(attitude, whole.spin, self.bodies.mobility)
         return BodyStates(whole.x[..., self.nodes :, :], whole.v[..., self.nodes :, :], attitude, angular)
 
 

@@ -129,9 +129,8 @@ class System(Elements):
     def levers(self) -> Levers:
         """The nodes that are points of bodies, from these bodies' centres of mass."""
         anchors, bodies = self.net.anchors, self.bodies
-        listed = anchors.body + bodies.unlisted
-        arm = anchors.point - bodies.centre_of_mass[listed]
-        return Levers(anchors.node, np.searchsorted(bodies.rigid, listed), arm, len(bodies.rigid))
+        arm = anchors.point - bodies.centre_of_mass[anchors.body]
+        return Levers(anchors.node, anchors.body, arm, len(bodies.names))
 
     @cached_property
     def drums(self) -> Levers:
@@ -145,11 +144,10 @@ class System(Elements):
         """The bullets (..., k, 3) [m] from the chaser's centre of mass; x (..., N, 3) [m]."""
         return np.asarray(x.take(self.net.bullet_nodes, axis=-2) - x[..., self.chaser, None, :])
 
-    def ways(self, x: Floats, attitude: Floats | None = None) -> Floats:
+    def ways(self, x: Floats, attitude: Floats) -> Floats:
         """Path lengths s (..., k) [m] of the bullets along their barrels since the start.
 
-        x (..., N, 3) [m] are positions of nodes and bodies, `attitude` R (..., r, 3, 3) those of rigid
-        bodies, needed where one of them is the chaser.
+        x (..., N, 3) [m] are positions of nodes and bodies, `attitude` R (..., b, 3, 3) of these.
         """
         assert self.barrels is not None
         return self.barrels.ways(self.bullets_from_chaser(x), attitude)
@@ -161,7 +159,7 @@ class System(Elements):
     @cached_property
     def led(self) -> Ints:
         """The nodes that are points of driven bodies: what acts on them from outside changes nothing else."""
-        return self.levers.node[self.bodies.free[self.bodies.rigid][self.levers.body] == 0.0]
+        return self.levers.node[self.bodies.free[self.levers.body] == 0.0]
 
     @cached_property
     def thrusters(self) -> Ints:

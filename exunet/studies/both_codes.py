@@ -206,11 +206,6 @@ class BothCodes:
         """(n_points + n_rigid,) for each point and each rigid body of exunet the reference's particle."""
         return np.concatenate([self.reference_nodes, self.start.net.n_nodes + self.reference_bodies])
 
-    @property
-    def reference_rigid(self) -> Ints:
-        """(n_rigid,) for each rigid body of exunet its number among the rigid ones of the reference."""
-        return np.searchsorted(self.theirs.system.bodies.rigid, self.reference_bodies)
-
     def to_reference(self, values: Floats) -> Floats:
         """Values (..., n, 3) of exunet's nodes in the order of the reference's."""
         result = np.empty_like(values)

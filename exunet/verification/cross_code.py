@@ -297,11 +297,11 @@ def _motion_of_reference(case: BothCodes, state: State) -> Values:
     attached = case.reference_nodes[system.kinematics.point]
     force = np.append(theirs.net.own_mass, bodies.free * bodies.mass)[:, None] * response.acceleration
     torque = np.cross(whole.x, force)
-    turning = np.concatenate([torque, bodies.free[bodies.rigid][:, None] * response.torque])
+    turning = np.concatenate([torque, bodies.free[:, None] * response.torque])
     return {
         "acceleration of points": acceleration[:n] * system.free[:, None],
         "acceleration of bodies": acceleration[n:][free],
-        "angular acceleration": angular[case.reference_rigid][free],
+        "angular acceleration": angular[case.reference_bodies][free],
         "square of angular velocity": state.bodies.angular_velocity**2,
         "position of attached nodes": whole.x[attached],
         "velocity of attached nodes": whole.v[attached],
@@ -421,10 +421,9 @@ def _contact_of_reference(case: BothCodes, state: State) -> Values:
     assert contacts is not None
     views = contact_forces.view_of_states(system, theirs.x, theirs.v, bodies, None, False)
     discrete = nothing(contacts.pairs) if contacts.law.sticks else None
-    attitude = bodies.attitude[system.bodies.rigid]
-    found = contact_forces.touched(contacts, views, attitude, discrete, np.zeros((contacts.pairs, 3)))
+    found = contact_forces.touched(contacts, views, bodies.attitude, discrete, np.zeros((contacts.pairs, 3)))
     force = sum((forces for _, forces in found.on_nodes), np.zeros_like(theirs.x))
-    arm = theirs.x - bodies.position[system.bodies.rigid[0]]
+    arm = theirs.x - bodies.position[0]
     return {
         "contact force on nodes": case.from_reference(force),
         "contact force on the body": -force.sum(axis=0),
