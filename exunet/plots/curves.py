@@ -139,7 +139,7 @@ def distances(source: FigureData) -> Figure | None:
 
 
 def rotation(source: FigureData) -> Figure | None:
-    """Angular velocity of each rigid body over time, in body axes, with bands of perturbed runs.
+    """Angular velocity of each body over time, in body axes, with bands of perturbed runs.
 
     Of more than four bodies those that rotate fastest.
     """
@@ -147,7 +147,7 @@ def rotation(source: FigureData) -> Figure | None:
     velocities = {
         name: np.asarray(body.angular_velocity)
         for name, body in result.bodies.items()
-        if body.angular_velocity is not None and np.any(body.angular_velocity)
+        if np.any(body.angular_velocity)
     }
     if not velocities:
         return None

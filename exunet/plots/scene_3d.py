@@ -136,7 +136,7 @@ def _corners(result: Result, body: BodySurface, k: int) -> Floats:
     """Return the corners (n, 3) [m] of a body at a stored time; of one without a shape its centre of mass."""
     states = result.bodies[body.name]
     place = np.asarray(states.position[k])
-    if body.surface is None or states.attitude is None:
+    if body.surface is None:
         return place[None]
     return np.asarray(body.surface.vertices @ rotation_matrix(np.asarray(states.attitude[k])).T + place)
 

@@ -265,12 +265,11 @@ def _bodies(
         none = np.zeros((0, 3))
         force, point = pressed.get(body, (none, none))
         mesh = None if body not in shapes else surface_shown(shapes[body])
-        attitude = np.zeros((0, 4)) if states.attitude is None else np.asarray(states.attitude[frames])
         arrays |= {
             f"{name}body {k}/{key}": np.asarray(values, dtype=kind)
             for key, values, kind in (
                 ("position", places[body], "<f4"),
-                ("attitude", attitude, "<f4"),
+                ("attitude", states.attitude[frames], "<f4"),
                 ("force", force, "<f4"),
                 ("point", point - origin, "<f4"),
                 ("vertices", none if mesh is None else mesh.vertices, "<f4"),
@@ -278,7 +277,7 @@ def _bodies(
             )
         }
         role = "target" if body == first else "chaser"
-        found.append({"name": body, "role": role, "rigid": states.attitude is not None})
+        found.append({"name": body, "role": role})
     return found
 
 

@@ -133,8 +133,6 @@ def capture_of(result: Result, rule: Capture, rows: Sequence[int] | None = None)
     """The measures of a result at its stored times, or at those with some indices."""
     chosen = np.arange(len(result.time)) if rows is None else np.asarray(rows)
     body = result.bodies[rule.target]
-    assert body.attitude is not None
-    assert body.angular_velocity is not None
     poses = np.concatenate([body.position[chosen], body.attitude[chosen]], axis=1)
     twists = np.concatenate([body.velocity[chosen], body.angular_velocity[chosen]], axis=1)
     target, found = target_of(shapes_of(result)[rule.target]), []

@@ -43,16 +43,16 @@ class BodyDifferences:
 
     position         : [m]
     velocity         : [m/s]
-    attitude         : angle between the two [rad]; None if it is a point mass in either run
-    angular_velocity : [rad/s], in body axes; None as above
+    attitude         : angle between the two [rad]
+    angular_velocity : [rad/s], in body axes
     allowed_position, allowed_attitude : up to which the two agree [m], [rad]
     agrees_until     : when one of the two first exceeds what is allowed, or is NaN [s]; None: never
     """
 
     position: Floats
     velocity: Floats
-    attitude: Floats | None
-    angular_velocity: Floats | None
+    attitude: Floats
+    angular_velocity: Floats
     allowed_position: float
     allowed_attitude: float
     agrees_until: float | None
@@ -142,14 +142,9 @@ def _of_body(
     at_a, at_b = rows
     position = np.linalg.norm(a.position[at_a] - b.position[at_b], axis=-1)
     velocity = np.linalg.norm(a.velocity[at_a] - b.velocity[at_b], axis=-1)
-    turned = spin = None
-    within = position <= allowed[0]  # as a NaN is not
-    if not (
-        a.attitude is None or b.attitude is None or a.angular_velocity is None or b.angular_velocity is None
-    ):
-        turned = _angle(a.attitude[at_a], b.attitude[at_b])
-        spin = np.linalg.norm(a.angular_velocity[at_a] - b.angular_velocity[at_b], axis=-1)
-        within &= turned <= allowed[1]
+    turned = _angle(a.attitude[at_a], b.attitude[at_b])
+    spin = np.linalg.norm(a.angular_velocity[at_a] - b.angular_velocity[at_b], axis=-1)
+    within = (position <= allowed[0]) & (turned <= allowed[1])  # as a NaN is not
     until = None if within.all() else float(time[int(np.argmin(within))])
     return BodyDifferences(position, velocity, turned, spin, *allowed, until)
 
@@ -435,16 +430,14 @@ def read_reference(path: str | Path) -> ComparedRun:
     with np.load(path, allow_pickle=False) as file:
         bodies = {}
         for k, name in enumerate(file["body_names"].tolist()):
-            inertia = file["body_inertia"][k]
-            rigid = bool(inertia.any())
             turn = scipy.spatial.transform.Rotation.from_matrix(file["body_attitude"][:, k])
             bodies[name] = BodyStates(
                 float(file["body_mass"][k]),
-                inertia if rigid else None,
+                file["body_inertia"][k],
                 file["body_position"][:, k],
                 file["body_velocity"][:, k],
-                turn.as_quat(scalar_first=True) if rigid else None,
-                file["body_angular_velocity"][:, k] if rigid else None,
+                turn.as_quat(scalar_first=True),
+                file["body_angular_velocity"][:, k],
             )
         broken = tuple(zip(file["break_element"].tolist(), file["break_time"].tolist(), strict=True))
         shared = {name: file[name] for name in _SHARED}

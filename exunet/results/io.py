@@ -28,6 +28,7 @@ from exunet.base.interrupt import postponed
 from exunet.forces.contact.status import ContactKey
 from exunet.net.arrays import Net, TetherNodes
 from exunet.results.result import (
+    BODY_QUANTITIES,
     CONSTANTS,
     OPTIONAL,
     PATHS,
@@ -40,7 +41,6 @@ from exunet.results.result import (
     TermStates,
     body_constants,
     body_path,
-    body_quantities,
     declare,
     row_ranges,
     state_column,
@@ -257,8 +257,8 @@ class _ResultRows:
 
     def __init__(self, result: Result, bodies: Mapping[str, BodyConstants], where: str) -> None:
         arrays: dict[str, Any] = {path: getattr(result, name) for name, path in PATHS.items()}
-        for name, properties in bodies.items():
-            for quantity in body_quantities(properties):
+        for name in bodies:
+            for quantity in BODY_QUANTITIES:
                 arrays[body_path(name, quantity)] = getattr(result.bodies[name], quantity)
         of_terms = {
             state_column(key, states.values.shape[1], states.units): states.values
@@ -503,7 +503,7 @@ def _stored(source: RowSource, column: Column, where: str) -> StoredRows:
 
 
 def _body(found: Mapping[str, Any], name: str, body: BodyConstants) -> BodyStates:
-    states = {quantity: found[body_path(name, quantity)] for quantity in body_quantities(body)}
+    states = {quantity: found[body_path(name, quantity)] for quantity in BODY_QUANTITIES}
     constants = {constant: getattr(body, constant) for constant in CONSTANTS}
     return BodyStates(body.mass, **constants, **states)
 

@@ -245,7 +245,7 @@ def carried_until(run: RunRecord) -> float:
 def _carried(result: Result, body: str) -> CarriedLoads | None:
     """Compute the pull of the elements that have one end in the packed net; None of a body without it."""
     carried, states, net = result.run.carried, result.bodies[body], result.net
-    if carried is None or carried.body != body or states.attitude is None:
+    if carried is None or carried.body != body:
         return None
     turn = rotation_matrix(np.asarray(states.attitude[:]))
     origin = np.asarray(states.position[:]) + turn @ np.array(carried.origin_m)

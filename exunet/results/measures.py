@@ -270,7 +270,7 @@ def all_have_lines(result: Result) -> bool:
     lines = effects_of(result.states)
     effects = result.run.effects
     within = all(effect in lines or (effect in EFFECTS and EFFECTS[effect].INTERNAL) for effect in effects)
-    return within and any(body.inertia is not None for body in result.bodies.values())
+    return within and bool(result.bodies)
 
 
 def momentum_books(result: Result) -> dict[str, MomentumBook]:
@@ -307,8 +307,7 @@ def momentum_sizes(result: Result) -> dict[str, float]:
         places = (np.asarray(part[:])[:, None] for part in (body.position, body.velocity))
         for total, shares in zip((linear, angular), shares_of(np.array([body.mass]), *places), strict=True):
             total += shares
-        if body.inertia is not None and body.angular_velocity is not None:
-            angular += np.linalg.norm(np.asarray(body.angular_velocity[:]) @ body.inertia, axis=1)
+        angular += np.linalg.norm(np.asarray(body.angular_velocity[:]) @ body.inertia, axis=1)
     first = 0
     for position, velocity in zip(blocks(result.position), blocks(result.velocity), strict=True):
         rows = slice(first, first + len(position))
@@ -421,12 +420,12 @@ def _of_points(mass: Floats, position: Floats, velocity: Floats) -> Floats:
 def _of_body(body: BodyStates, rows: list[int]) -> Floats:
     """(t, 7) of a body, at some stored times."""
     position, velocity = body.position[rows], body.velocity[rows]
-    linear = body.mass * velocity
-    angular = np.cross(position, linear)
-    energy = 0.5 * body.mass * np.einsum("ta,ta->t", velocity, velocity)
-    if body.angular_velocity is not None and body.attitude is not None and body.inertia is not None:
-        spin = body.angular_velocity[rows]
-        turns = spin @ body.inertia
-        angular = angular + np.einsum("tab,tb->ta", rotation_matrix(body.attitude[rows]), turns)
-        energy = energy + 0.5 * np.einsum("ta,ta->t", spin, turns)
+    linear, spin = body.mass * velocity, body.angular_velocity[rows]
+    turns = spin @ body.inertia
+    angular = np.cross(position, linear) + np.einsum(
+        "tab,tb->ta", rotation_matrix(body.attitude[rows]), turns
+    )
+    energy = 0.5 * body.mass * np.einsum("ta,ta->t", velocity, velocity) + 0.5 * np.einsum(
+        "ta,ta->t", spin, turns
+    )
     return np.concatenate([linear, angular, energy[:, None]], axis=1)

@@ -322,8 +322,6 @@ def motion_of_bodies(run: Observables) -> Iterator[Metric]:
             f"body_{name}_velocity", f"velocity of {name}", "m/s", body.velocity[len(run.time) - 1],
             resolution=SMALL, remark="at the end, in the scene's axes",
         )  # fmt: skip
-        if body.attitude is None or body.angular_velocity is None:
-            continue
         yield from _vector(
             f"body_{name}_angular_velocity", f"angular velocity of {name}", "rad/s",
             body.angular_velocity[len(run.time) - 1], resolution=SMALL,

@@ -299,11 +299,10 @@ def time_series(run: Observables, *, capture: bool = True) -> Iterator[TimeSerie
             words = f"{words} on {place.body} {where}"
             yield TimeSeries(pull_name(place.name, quantity), words, unit_of, sizes[:, column])
     for body, states in run.result.bodies.items():
-        if states.angular_velocity is not None:
-            spin = np.asarray(states.angular_velocity[:])
-            for column, axis in enumerate("xyz"):
-                words = f"angular velocity of {body} in its axes, {axis}"
-                yield TimeSeries(spin_name(body, axis), words, "rad/s", spin[:, column])
+        spin = np.asarray(states.angular_velocity[:])
+        for column, axis in enumerate("xyz"):
+            words = f"angular velocity of {body} in its axes, {axis}"
+            yield TimeSeries(spin_name(body, axis), words, "rad/s", spin[:, column])
 
 
 def _general(run: Observables, *, capture: bool) -> Iterator[TimeSeries]:

@@ -301,7 +301,6 @@ def contact_places(result: Result, rows: Sequence[int], body_of: str | None = No
             continue
         counted = np.flatnonzero(np.asarray(series.values[chosen])[:, 0] > 0)
         body = result.bodies[name]
-        assert body.attitude is not None
         free = np.flatnonzero(~np.isin(net.element_nodes, attached_nodes(result, name)).any(axis=1))
         edge, reach = shape.edge_radius, np.sqrt(net.area / np.pi)
         core = None if shape.mesh is None else core_of_mesh(name, shape, float(reach.max()))
@@ -337,7 +336,6 @@ def contact_forces(result: Result, rows: Sequence[int]) -> dict[str, tuple[Float
     loads: dict[str, Floats] = {}  # force and torque about the scene's origin (k, 6)
     for key in (key for key in result.contacts if key.quantity == "resultant"):
         body, states = key.body, result.bodies[key.body]
-        assert states.attitude is not None
         keys = key, replace(key, quantity="torque")
         force, own = (np.asarray(result.contacts[of].values[chosen]) for of in keys)
         torque = np.einsum("kij,kj->ki", rotation_matrix(np.asarray(states.attitude[chosen])), own)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -52,13 +52,13 @@ class BodyConstants:
     """Constant properties of a body.
 
     mass      : [kg]
-    inertia   : (3, 3) about the centre of mass, in body axes [kg m2]; None: a point mass
+    inertia   : (3, 3) about the centre of mass, in body axes [kg m2]
     nodes     : (m,) nodes of the net and of tethers that are fixed to it; None: none
     solids, vertices, triangles : its shape, as of `exunet.bodies.shapes`; None: it has no such
     """
 
     mass: float
-    inertia: Floats | None = None
+    inertia: Floats
     nodes: NDArray[np.int64] | None = None
     solids: Floats | None = None
     vertices: Floats | None = None
@@ -96,6 +96,8 @@ def body_constants(mass: float, arrays: Mapping[str, Any]) -> BodyConstants:
     """From what a file has of them. Raises ValueError if these are not finite numbers of these shapes."""
     if not np.isfinite(mass):
         raise ValueError("mass contains NaN or infinity")
+    if "inertia" not in arrays:
+        raise ValueError("inertia is absent")
     for name, values in arrays.items():
         shape, kind = CONSTANTS[name].shape, np.dtype(CONSTANTS[name].dtype).kind
         fits = values.ndim == len(shape) and all(
@@ -143,29 +145,28 @@ _STATES: dict[str, tuple[str, str, str, str]] = {
 PATHS = {name: path for name, (path, *_) in _STATES.items()}  # by the attribute of Result
 OPTIONAL = frozenset({"largest_elastic", "least_kinetic"})  # of runs only
 
-_BODY: dict[str, tuple[int, str, str]] = {
+# Number of values, units and description of each quantity that is stored of a body.
+BODY_QUANTITIES: dict[str, tuple[int, str, str]] = {
     "position": (3, "m", "position of the centre of mass"),
     "velocity": (3, "m/s", "velocity of the centre of mass"),
-}
-_RIGID: dict[str, tuple[int, str, str]] = {
     "attitude": (4, "1", "unit quaternion (w, x, y, z) that turns body axes into the scene's axes"),
     "angular_velocity": (3, "rad/s", "angular velocity in body axes"),
 }
 
 
-def declare(n_nodes: int, n_elements: int, bodies: Mapping[str, BodyConstants]) -> tuple[Column, ...]:
+def declare(n_nodes: int, n_elements: int, bodies: Iterable[str]) -> tuple[Column, ...]:
     """The columns of a system of a net and `bodies` by name; raises InputError for an impossible name."""
     sizes = {"n": n_nodes, "e": n_elements, "3": 3}
     columns = [
         Column(path, tuple(sizes[axis] for axis in row), units, description)
         for path, row, units, description in _STATES.values()
     ]
-    for name, body in bodies.items():
+    for name in bodies:
         if not name or "/" in name or name == ".":
             raise InputError(f"{name!r} cannot be the name of a body in a result file")
         columns += [
             Column(body_path(name, quantity), (size,), units, description)
-            for quantity, (size, units, description) in body_quantities(body).items()
+            for quantity, (size, units, description) in BODY_QUANTITIES.items()
         ]
     return tuple(columns)
 
@@ -210,11 +211,6 @@ def state_column(key: Hashable, size: int, units: str) -> Column:
 def body_path(name: str, quantity: str) -> str:
     """Path of a quantity of a body."""
     return f"bodies/{name}/{quantity}"
-
-
-def body_quantities(body: BodyConstants) -> dict[str, tuple[int, str, str]]:
-    """Number of values, units and description of each quantity that is stored of a body."""
-    return _BODY if body.inertia is None else _BODY | _RIGID
 
 
 BLOCK_BYTES = 16 << 20  # of an array that is processed in one piece
@@ -301,12 +297,11 @@ class BodyStates(ShortRepr):
     """The motion of one body over the stored times.
 
     mass             : [kg]
-    inertia          : (3, 3) [kg m2] about the centre of mass, in body axes; None: a point mass
+    inertia          : (3, 3) [kg m2] about the centre of mass, in body axes
     position         : (n_times, 3) [m], of the centre of mass
     velocity         : (n_times, 3) [m/s]
-    attitude         : (n_times, 4) unit quaternion (w, x, y, z) that turns body axes into the scene's axes;
-                       None for a point mass
-    angular_velocity : (n_times, 3) [rad/s], in body axes; None for a point mass
+    attitude         : (n_times, 4) unit quaternion (w, x, y, z) that turns body axes into the scene's axes
+    angular_velocity : (n_times, 3) [rad/s], in body axes
     nodes            : (m,) nodes of the net and of tethers that are fixed to it; None: none
     solids           : (k, 11) the solids of its shape: number of the kind (0 box, 1 cylinder, 2 sphere,
                        3 capsule, 4 frustum), three dimensions as in the case [m], place from the centre of
@@ -316,11 +311,11 @@ class BodyStates(ShortRepr):
     """
 
     mass: float
-    inertia: Floats | None
+    inertia: Floats
     position: Floats
     velocity: Floats
-    attitude: Floats | None = None
-    angular_velocity: Floats | None = None
+    attitude: Floats
+    angular_velocity: Floats
     nodes: NDArray[np.int64] | None = None
     solids: Floats | None = None
     vertices: Floats | None = None

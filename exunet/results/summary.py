@@ -261,13 +261,11 @@ def summary_of_agreement(agreement: Agreement) -> dict[str, Any]:
             name: {
                 "agrees_until_s": one.agrees_until,
                 "allowed_position_m": one.allowed_position,
-                "allowed_attitude_rad": None if one.attitude is None else one.allowed_attitude,
+                "allowed_attitude_rad": one.allowed_attitude,
                 "position_m": float(one.position.max()),
                 "velocity_m_s": float(one.velocity.max()),
-                "attitude_rad": None if one.attitude is None else float(one.attitude.max()),
-                "angular_velocity_rad_s": (
-                    None if one.angular_velocity is None else float(one.angular_velocity.max())
-                ),
+                "attitude_rad": float(one.attitude.max()),
+                "angular_velocity_rad_s": float(one.angular_velocity.max()),
             }
             for name, one in agreement.bodies.both.items()
         },

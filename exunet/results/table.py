@@ -350,9 +350,8 @@ def differences_of_states(check: Summary) -> Iterator[tuple[str, str]]:
     yield "differences", words
     for name, body in check["bodies"].items():
         words = f"positions within {body['position_m']:.1e} m, velocities {body['velocity_m_s']:.1e} m/s"
-        if body["attitude_rad"] is not None:
-            words += f", attitudes {body['attitude_rad']:.1e} rad"
-            words += f", angular velocities {body['angular_velocity_rad_s']:.1e} rad/s"
+        words += f", attitudes {body['attitude_rad']:.1e} rad"
+        words += f", angular velocities {body['angular_velocity_rad_s']:.1e} rad/s"
         yield f"body {name}", words
     if broken := check["broken"]:
         alone = broken["only_here"] + broken["only_in_reference"]

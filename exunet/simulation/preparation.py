@@ -124,7 +124,6 @@ def _state(result: Result, row: int, path: Path) -> Restart:
     bodies = {}
     for name, body in result.bodies.items():
         parts = (getattr(body, name)[row : row + 1][0] for name in OF_BODY)
-        assert body.inertia is not None
         bodies[name] = RestartBody(body.mass, body.inertia, *(np.array(part) for part in parts))
     states = {name: np.array(state.values[row : row + 1][0]) for name, state in result.states.items()}
     where = f"{path} at {time:g} s"

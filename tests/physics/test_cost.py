@@ -110,12 +110,12 @@ ALONG = np.eye(3)
 BODY = "bodies.target={mass=1.0,inertia=[1.0,2.0,2.5],angular_velocity=[1.0,2.0,3.0],velocity=[1.0,0.0,0.0]}"
 
 
-@pytest.mark.slow_for("point mass")
+@pytest.mark.slow_for("launch")
 @pytest.mark.parametrize(("name", "overrides"), [
     ("effects/launch_force", ()), ("planar_undamped", (BODY,)), ("effects/breaking", ()),
-], ids=("point mass", "rigid body", "broken element"))  # fmt: skip
+], ids=("launch", "rigid body", "broken element"))  # fmt: skip
 def test_the_energy_is_that_of_every_block(name, overrides):
-    """A point mass, a rigid body and a broken element are in the balance."""
+    """A launch, a rigid body and a broken element are in the balance."""
     scene = subject(0.02, *overrides, name=name, reference=False)
     exact = converge(scene).speeds
     for backend in Backend:

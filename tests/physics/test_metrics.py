@@ -191,7 +191,12 @@ def towed(nodes: tuple[int, ...]) -> Result:
     )
     position = np.array([places, places])
     position[1, list(nodes)] = places[4]
-    ship = BodyStates(2.0, None, np.array([[1.0, 6.0, 4.0]] * 2), np.zeros((2, 3)), nodes=np.array([4]))
+    place, still, upright = (
+        np.array([[1.0, 6.0, 4.0]] * 2),
+        np.zeros((2, 3)),
+        np.array([[1.0, 0.0, 0.0, 0.0]] * 2),
+    )
+    ship = BodyStates(2.0, np.eye(3), place, still, upright, still, nodes=np.array([4]))
     tension = np.array([[1.0, 2.0, 3.0, 5.0], [1.0, 20.0, 30.0, 0.0]])
     return result(of, [0.0, 1.0], position, tension=tension, bodies={"ship": ship})
 
@@ -273,7 +278,7 @@ def carrying() -> Result:
     half = np.sqrt(0.5)
     attitude = np.array([[half, 0.0, 0.0, half]] * 3)
     place = np.array([[0.5, 0.5, 0.0]] * 3)
-    ship = BodyStates(2.0, None, place, np.zeros((3, 3)), attitude, np.zeros((3, 3)))
+    ship = BodyStates(2.0, np.eye(3), place, np.zeros((3, 3)), attitude, np.zeros((3, 3)))
     position = np.array([*np.asarray(one.position), one.net.reference_position])
     tension = np.array([[2.0, 0.0, 3.0, 1.0], [4.0, 0.0, 6.0, 1.0], [8.0, 0.0, 9.0, 1.0]])
     return result(

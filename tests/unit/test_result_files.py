@@ -45,7 +45,14 @@ def stored(tmp_path):
 
 
 BODIES = {
-    "chaser": BodyStates(500.0, None, np.arange(21.0).reshape(7, 3), np.ones((7, 3))),
+    "chaser": BodyStates(
+        500.0,
+        np.eye(3),
+        np.arange(21.0).reshape(7, 3),
+        np.ones((7, 3)),
+        np.tile([1.0, 0.0, 0.0, 0.0], (7, 1)),
+        np.zeros((7, 3)),
+    ),
     "target": BodyStates(
         2000.0,
         np.diag([1.0, 2.0, 3.0]),
@@ -112,8 +119,8 @@ def test_every_dataset_has_units_and_description(stored):
     with h5py.File(stored) as file:
         found = []
         file.visititems(lambda name, item: found.append(item) if isinstance(item, h5py.Dataset) else None)
-        # states; net arrays, and values with offsets for faces and mouth; of a rigid body and a point mass
-        assert len(found) == 11 + 11 + 4 + (2 + 4) + (1 + 2)
+        # states; net arrays, and values with offsets for faces and mouth; of two bodies
+        assert len(found) == 11 + 11 + 4 + 2 * (2 + 4)
         for dataset in found:
             assert dataset.attrs["units"], dataset.name
             assert dataset.attrs["description"], dataset.name

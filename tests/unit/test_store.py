@@ -17,21 +17,21 @@ from exunet.base.errors import InputError
 from exunet.results import io
 from exunet.results.io import head_of, load_result, open_unfinished, save, write_rows
 from exunet.results.result import (
+    BODY_QUANTITIES,
     PATHS,
     BodyConstants,
     BodyStates,
     StoredRows,
     blocks,
     body_path,
-    body_quantities,
     declare,
 )
 from exunet.results.run_record import RunRecord
 from exunet.results.store import STORE_FILE, FileStore, MemoryStore
 
 NET = square_net(cells=2, strings=True)
-RIGID = BodyConstants(2000.0, np.diag([1.0, 2.0, 3.0]))
-BODIES = {"chaser": BodyConstants(500.0), "target": RIGID}
+TARGET = BodyConstants(2000.0, np.diag([1.0, 2.0, 3.0]))
+BODIES = {"chaser": BodyConstants(500.0, np.eye(3)), "target": TARGET}
 COLUMNS = declare(NET.n_nodes, NET.n_elements, BODIES)
 RECORD = RunRecord(title="by hand", end=1e-9)
 TIMES = 40
@@ -40,8 +40,8 @@ TIMES = 40
 def rows_of(result):
     """The arrays of a result by column."""
     found = {path: getattr(result, name) for name, path in PATHS.items()}
-    for name, properties in BODIES.items():
-        for quantity in body_quantities(properties):
+    for name in BODIES:
+        for quantity in BODY_QUANTITIES:
             found[body_path(name, quantity)] = getattr(result.bodies[name], quantity)
     return found
 
@@ -54,10 +54,8 @@ def sample(times=TIMES, seed=0):
         NET, times, largest_elastic=random(size=times), least_kinetic=random(size=times),
         potential=random(size=times), run=RECORD,
         bodies={
-            "chaser": BodyStates(500.0, None, body[0, :, :3], body[0, :, 3:6]),
-            "target": BodyStates(
-                2000.0, RIGID.inertia, body[1, :, :3], body[1, :, 3:6], body[1, :, 6:10], body[1, :, 10:]
-            ),
+            name: BodyStates(of.mass, of.inertia, own[:, :3], own[:, 3:6], own[:, 6:10], own[:, 10:])
+            for (name, of), own in zip(BODIES.items(), body, strict=True)
         },
     )  # fmt: skip
 
@@ -245,7 +243,7 @@ def test_an_unfinished_run_is_an_incomplete_result(tmp_path):
     assert not found.complete
     assert found.verdict.startswith("unfinished: 14 states until t = ")
     assert found.run.end == RECORD.end
-    np.testing.assert_array_equal(found.bodies["target"].inertia, RIGID.inertia)
+    np.testing.assert_array_equal(found.bodies["target"].inertia, TARGET.inertia)
     np.testing.assert_array_equal(found.net.element_nodes, NET.element_nodes)
     assert (found.net.faces, found.net.mouth) == (NET.faces, NET.mouth)
     save(SAMPLE, tmp_path / "result.h5")

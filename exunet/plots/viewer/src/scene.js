@@ -62,10 +62,8 @@ export class RunScene {
       material.polygonOffset = true;
       material.polygonOffsetFactor = material.polygonOffsetUnits = 1;
       group.add(mesh, new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 30), lines));
-    } else if (body.rigid) {
-      group.add(new THREE.AxesHelper(0.12 * this.run.size));
     } else {
-      group.add(new THREE.Mesh(new THREE.SphereGeometry(0.012 * this.run.size, 20, 14), material));
+      group.add(new THREE.AxesHelper(0.12 * this.run.size));
     }
     this.scene.add(group);
     return { group, material, lines, arrow: body.force.length ? this.addArrow() : null };
