@@ -729,7 +729,7 @@ class Script(Term):
 
     @property
     def discrete(self) -> DiscreteState:
-        """Discrete state: a `EntryState` of each entry, then 1.0 once the run has ended."""
+        """Discrete state: an `EntryState` of each entry, then 1.0 once the run has ended."""
         rows = [EntryState(WAITING, 0.0, 0.0, 0.0) for _ in self.entries]
         return DiscreteState("script/entries", np.append(np.array(rows).ravel(), 0.0), in_steps=True)
 

@@ -19,11 +19,11 @@ from exunet.model.system import System
 class Observed(NamedTuple):
     """Accepted states, in order of time; the first is the last that observers have seen before.
 
-    states     : with the same discrete states, but for those that steps change
-    marks      : rows of the states at the times that a run stops at, which are stored
-    discrete_states   : at each of these, the discrete states that steps change
-    extremes   : at each, of the steps since the one before that are not among the states; None: all are
-    dissipated : (k,) energy dissipated until each state [J]; empty without an energy balance
+    states          : with the same discrete states, but for those that steps change
+    marks           : rows of the states at the times that a run stops at, which are stored
+    discrete_states : at each of these, the discrete states that steps change
+    extremes        : at each, of the steps since the one before that are not among the states; None: all are
+    dissipated      : (k,) energy dissipated until each state [J]; empty without an energy balance
     """
 
     states: States

@@ -54,7 +54,7 @@ class Observer:
     every_step: bool = False
 
     def observe(self, steps: Observed) -> None:
-        """See accepted states; an exception ends the run."""
+        """See accepted states; an exception ends the run at the last stored state before them."""
 
     def changed(self, event: Event) -> None:
         """See an event; no states before and after it come together."""
@@ -189,6 +189,7 @@ class EnergyBalance(Observer):
 
     every      : the guards check one state in so many, marked states, and the last one
     dissipated : energy dissipated so far [J], without the work of prescribed bodies and drives
+    last       : the last valid state, for messages
     """
 
     _plan: Plan
@@ -207,7 +208,7 @@ class EnergyBalance(Observer):
     def begin(self, state: State) -> None:
         """Go on from a state with another stepper."""
         self._base = self.dissipated + float(self._system.given_work(state.first_order))
-        self._last_good, self._drifted = state, False
+        self.last, self._drifted = state, False
 
     @property
     def energy_scale(self) -> float:
@@ -235,7 +236,7 @@ class EnergyBalance(Observer):
 
     def observe(self, steps: Observed) -> None:
         self.dissipated = float(steps.dissipated[-1])
-        self._last_good = steps.states.state(len(steps.states) - 1)
+        self.last = steps.states.state(len(steps.states) - 1)
 
     def changed(self, event: Event) -> None:
         self.dissipated += (event.change.energy_lost or 0.0) - event.change.work_given
@@ -251,7 +252,7 @@ class EnergyBalance(Observer):
 
     def engine_failed(self, failure: Exception, *, step_cause: bool) -> RunStopped:
         """Return the error for a stepper that failed, with its message and the last valid state."""
-        last = self._last_good
+        last = self.last
         where = where_steps_fail(States.of(self._system, last))
         advice = step_advice(self._plan, where) if step_cause else COLLAPSE_ADVICE
         words = f"the engine stopped after t = {last.time:.6g} s: {failure}; "
@@ -305,7 +306,7 @@ class EnergyBalance(Observer):
 
     def _stop(self, states: States, values: GuardValues, bad: int) -> RunStopped:
         """Return the error for the first state that exceeds a bound."""
-        last = states.state(bad - 1) if bad else self._last_good
+        last = states.state(bad - 1) if bad else self.last
         shown = states.state(bad) if values.finite[bad] else last
         words = beyond_table(states, bad) if values.finite[bad] else ""
         if words and not values.of_steps(bad):
@@ -403,9 +404,11 @@ class Observers:
         self.changed_at(event.time, discrete, kept)
 
     def changed_at(self, time: float, discrete: DiscreteStates, kept: DiscreteStates) -> None:
-        """Let a run that goes back to the safe state start after the events of its time [s]."""
-        if time == self.safe.state.time:
-            self.safe = self._saved(self._last, 0, {**discrete, **kept})
+        """Let a run that goes back to the safe or the stored state do so after the events of its time [s]."""
+        if time == self.stored.state.time:
+            is_safe = time == self.safe.state.time
+            self.stored = self._saved(self._last, 0, {**discrete, **kept})
+            self.safe = self.stored if is_safe else self.safe
 
     def _saved(self, states: States, row: int, discrete: DiscreteStates) -> Saved:
         """Return a state, with the discrete states there that steps change, and what observers save."""
@@ -452,8 +455,13 @@ class Observers:
     def _back_to(self, saved: Saved) -> State:
         for name, observer in self._all.items():
             observer.load(saved.observers[name])
-        self._last = States.of(self.system, saved.state)
+        self._go_on_from(saved.state)
         return saved.state
+
+    def _go_on_from(self, state: State) -> None:
+        self._last = States.of(self.system, state)
+        if self.balance is not None:
+            self.balance.last = state
 
     def save(self) -> dict[str, NDArray[Any]]:
         """Return copies of all, each name with its group before it."""
@@ -475,6 +483,6 @@ class Observers:
             return Saved(state, {name: group_of(f"{which}:{name}", arrays) for name in self._all})
 
         self.safe, self.stored = saved("safe"), saved("stored")
-        self._last = States.of(self.system, State.from_arrays(group_of("last", arrays)))
+        self._go_on_from(State.from_arrays(group_of("last", arrays)))
         for name, observer in self._all.items():
             observer.load(group_of(name, arrays))

@@ -92,7 +92,7 @@ class BodyState:
 
 # Observers of each simulation: "package.module:Class", made with the system and its first state, by name.
 OBSERVERS: dict[str, str] = {
-    # as in docs/extending.md
+    # as in docs/how_to/extending.md
 }
 
 
@@ -146,7 +146,10 @@ class Simulation:
             else (recorder.balance, recorder.log, recorder.extremes)
         )
         own: dict[str, Observer] = {"balance": self.balance, "log": self.log, "extremes": self.extremes}
-        own |= {name: resolve_name(path)(start.system, start.state) for name, path in OBSERVERS.items()}
+        for name, path in OBSERVERS.items():
+            if name in (*own, "record"):
+                raise InputError(f"OBSERVERS: {name!r} is the name of an observer that each run has")
+            own[name] = resolve_name(path)(start.system, start.state)
         own |= {} if recorder is None else {"record": recorder}
         observers = Observers(start.system, start.state, own)
         shows = {"elements": recorder is not None, "every_step": observers.every_step}

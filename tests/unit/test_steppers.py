@@ -116,3 +116,10 @@ def test_a_guard_stops_the_run_at_its_last_stored_state(tables: dict[str, Any]) 
     assert 0.0 < part.time[-1] < 0.3
     assert np.isfinite(part.position).all()
     assert part.run.largest_tensions["net"].time <= part.time[-1]
+    last = float(part.time[-1])
+    note = {"name": "here", "at": last, "do": "note"}  # an event of the last stored time is not lost
+    with pytest.raises(RunStopped, match="diverged") as stop:
+        exunet.run(net(tables, {**HOPELESS, "retry": 0}, script=[note]))
+    part = stop.value.result
+    assert part is not None
+    assert [event.time_s for event in part.run.script] == [part.time[-1]] == [last]

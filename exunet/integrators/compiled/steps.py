@@ -5,7 +5,7 @@ The text of these functions is copied into a kernel's module (see `exunet.kernel
 its result in x1 and v1 of its stages. `exunet.forces.blocks` defines the layout: m.c, which v moves, comes
 first in x, and m.z, what is of first order, behind it.
 
-Fixed-step and adaptive loops take a whole `Run` with the room for the states that the guards check, which
+Fixed-step and adaptive loops take a whole `StepInterval` with the room for the states that the guards check, which
 is filled from `row` on: one step in `every`, the last, and those of so much elastic energy that an element
 may be too long. `equal_steps` and `chosen_steps` return the number of rows that are filled; they return when
 those are full, when `limit` steps have been tried, or at the end.
@@ -837,12 +837,12 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
 
 
 def equal_stretch(verlet: bool, steps: Any, row: int, every: int, held: Any) -> int:
-    """`equal_steps` of a `Run` that is a `HeldTuple`: for many short calls from Python."""
+    """`equal_steps` of a `StepInterval` that is a `HeldTuple`: for many short calls from Python."""
     return equal_steps(verlet, steps, row, every, borrowed(held.value))
 
 
 def chosen_stretch(control: Any, until: float, limit: int, row: int, every: int, held: Any) -> int:
-    """`chosen_steps` of a `Run` that is a `HeldTuple`."""
+    """`chosen_steps` of a `StepInterval` that is a `HeldTuple`."""
     return chosen_steps(control, until, limit, row, every, borrowed(held.value))
 
 

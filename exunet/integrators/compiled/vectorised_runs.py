@@ -127,7 +127,7 @@ def runs_through(verlet: bool, times: Any, step: float, run: Any) -> int:
 
 IMPORTS = (
     *steps.IMPORTS,
-    "from exunet.integrators.compiled.workspace import Motion, Run, ObservedSteps, ObservedRuns",
+    "from exunet.integrators.compiled.workspace import Motion, StepInterval, ObservedSteps, ObservedRuns",
     f"from exunet.kernels.lanes import lanes_of  # {version_of('lanes')}",
 )
 _OTHERS = steps.see, steps.look
