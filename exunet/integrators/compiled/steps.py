@@ -5,10 +5,10 @@ The text of these functions is copied into a kernel's module (see `exunet.kernel
 its result in x1 and v1 of its stages. `exunet.forces.blocks` defines the layout: m.c, which v moves, comes
 first in x, and m.z, what is of first order, behind it.
 
-Fixed-step and adaptive loops take a whole `StepInterval` with the room for the states that the guards check, which
-is filled from `row` on: one step in `every`, the last, and those of so much elastic energy that an element
-may be too long. `equal_steps` and `chosen_steps` return the number of rows that are filled; they return when
-those are full, when `limit` steps have been tried, or at the end.
+Fixed-step and adaptive loops take a whole `StepInterval` with the room for the states that the guards check,
+which is filled from `row` on: one step in `every`, the last, and those of so much elastic energy that an
+element may be too long. `equal_steps` and `chosen_steps` return the number of rows that are filled; they
+return when those are full, when `limit` steps have been tried, or at the end.
 """
 
 from __future__ import annotations
