@@ -160,7 +160,7 @@ class RunRecord:
     peak_tensions_N  : largest tension of all steps of each element; None: not a run that came to its end
     energy_scale_J   : energy that could deform the net (see `exunet.simulation.guards`)
     events   : what happened, in order
-    observed : numbers that observers of one's own report, by name
+    observed : numbers that observers of one's own report, by name; None: it was no finite number
     can_break : True if elements break beyond a limit
     edge_radii, grid_spacings : of bodies with rounded edges, and of meshes with a given spacing, by name [m]
     closing_path : nodes along a closing line, ends included
@@ -185,7 +185,7 @@ class RunRecord:
     peak_tensions_N: list[float] | None = None  # noqa: N815 - the unit
     energy_scale_J: float | None = None  # noqa: N815 - the unit
     events: tuple[Annotated[RunEvent, PlainValidator(untagged), PlainSerializer(tagged)], ...] = ()
-    observed: Mapping[str, float] = field(default_factory=dict)
+    observed: Mapping[str, float | None] = field(default_factory=dict)
     can_break: bool = False
     carried: Carried | None = None
     releases: list[Release] = field(default_factory=list)

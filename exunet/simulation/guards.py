@@ -279,6 +279,11 @@ class ForceSizes:
         kernel, self._number = term_kernel(terms), system.blocks.n_force
         self._kernel, self._forces = kernel, kernel.module.forces
         self._discrete, self._table = discrete, kernel.table(discrete)
+        self._made_with = system, terms
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy without the compiled module."""
+        return ForceSizes, (*self._made_with, self._discrete)
 
     def of(self, states: States) -> Floats:
         """Compute (k, n) forces on points [N], then forces on bodies, then torques [N m]."""

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.arguments import finite_number
 from exunet.base.arrays import Floats
 from exunet.base.errors import RunStopped
 from exunet.base.files import group_of, grouped
@@ -73,7 +74,7 @@ class Observer:
         """Go back to what `save` returned."""
 
     def report(self) -> dict[str, float]:
-        """Return numbers for the record of the result."""
+        """Return finite real numbers, by name, for the record of the result; it has None for other values."""
         return {}
 
 
@@ -351,9 +352,10 @@ class Observers:
         """True if one is to see the state after each step."""
         return any(observer.every_step for observer in self._all.values())
 
-    def report(self) -> dict[str, float]:
-        """Return the numbers that observers have for the record of the result."""
-        return {name: value for observer in self._all.values() for name, value in observer.report().items()}
+    def report(self) -> dict[str, float | None]:
+        """Return the numbers that observers have for the record of the result; None: no finite number."""
+        reports = (observer.report() for observer in self._all.values())
+        return {str(name): finite_number(value) for own in reports for name, value in own.items()}
 
     def start(self) -> None:
         """Show the first state as a marked one, with discrete states as after a step that ends there."""

@@ -205,17 +205,33 @@ class Recorder(Observer):
         """Store the state after an event in place of the last, if it is of the same time."""
         if (event.change.x is None and event.change.v is None) or self.until != event.time:
             return
+        dissipated = np.array([self.balance.dissipated])
+        assert event.after is not None
+        if not self._waiting:
+            self._replace_last(event.after, dissipated)
+            return
         last = self._waiting.pop()
         if len(last.states) > 1:
             before = _Waiting(
                 last.states[:-1], last.dissipated[:-1], last.intervals[:-1], last.discrete_states[:-1]
             )
             self._waiting.append(before)
-        dissipated = np.array([self.balance.dissipated])
-        assert event.after is not None
         self._waiting.append(
             _Waiting(event.after, dissipated, last.intervals[-1:], last.discrete_states[-1:])
         )
+
+    def _replace_last(self, state: States, dissipated: Floats) -> None:
+        """Store a state in place of the last row, of which extremes and series are kept."""
+        number = len(self.rows)
+        last = {column.path: self.rows.read(column.path, number - 1, number) for column in self.rows.columns}
+        self.rows.drop_after(number - 1)
+        self._read_last()
+        intervals = np.zeros((1, 2))  # not used without energies
+        if self.stores_energies:
+            intervals = np.stack([last["energy/largest_elastic"], last["energy/least_kinetic"]], axis=-1)
+        series = (f"{STATES}{one.key}" for _, one in self._series)
+        kept = {path: last[path] for path in series}
+        self.rows.append(self._rows(_Waiting(state, dissipated, intervals, [])) | kept)
 
     def save(self) -> dict[str, NDArray[Any]]:
         return {"rows": np.array([len(self)])}

@@ -94,6 +94,49 @@ def test_the_same_again_as_often_as_one_likes(backend: str, method: str) -> None
     assert after[3].time > 0.15
 
 
+def stored_rows(recorder: Recorder) -> dict[str, bytes]:
+    """The stored states, as bytes: equal if nothing differs by a bit."""
+    recorder.flush()
+    rows = recorder.rows
+    return {column.path: rows.read(column.path, 0, len(rows)).tobytes() for column in rows.columns}
+
+
+@every_backend
+def test_copies_of_a_simulation_that_stores_store_the_same(backend: str) -> None:
+    """With drag, whose magnitude the guards compute by a compiled module."""
+    start = prepare(load(CASES / "planar_deployment.toml", BACKENDS[backend].split()).scene)
+    sim = Simulation(start, recorder=Recorder(start))
+    sim.advance(0.01)
+    stored = []
+    for each in (copy.deepcopy(sim), pickle.loads(pickle.dumps(sim)), sim):
+        each.advance(0.01)
+        each.settle()
+        assert each._recorder is not None
+        stored.append(stored_rows(each._recorder))
+    assert stored[0] == stored[1] == stored[2]
+
+
+def test_an_event_at_the_time_of_a_snapshot_changes_the_stored_state() -> None:
+    """As without the snapshot; a net is ejected at 0 s, and self-contact stores a series."""
+    changes = ('script=[{name="throw", at=0.0, do="eject"}]', "engine.backend=compiled")
+    contact = "effects.self_contact={stiffness=50.0, damping=0.0}"
+    start = prepare(load(CASES / "bodies" / "ejection.toml", (*changes, contact)).scene)
+    recorders = []
+    for taken in (0, 1, 2):
+        recorders.append(recorder := Recorder(start))
+        sim = Simulation(start, recorder=recorder)
+        snapshots = [sim.snapshot() for _ in range(taken)]
+        sim.advance(0.002)
+        sim.settle()
+        if taken == 2:  # the event happens again
+            sim.restore(snapshots[0])
+            sim.advance(0.002)
+        sim.settle()
+    without, *others = (stored_rows(recorder) for recorder in recorders)
+    assert len(recorders[0]) == 2
+    assert others == [without, without]
+
+
 @every_backend
 def test_reset_goes_back_and_builds_nothing(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     sim = Simulation(thrown({"method": "DOPRI5"}, engine=engine(backend), effects=DAMPED))
@@ -118,6 +161,19 @@ def test_reset_goes_back_and_builds_nothing(backend: str, monkeypatch: pytest.Mo
         assert seen(sim) == start
         sim.advance(0.15)
         assert seen(sim) == end
+
+
+@every_backend
+@pytest.mark.parametrize("name", ["capture/free_sphere", "verification/self_contact/together"])
+def test_reset_from_states_that_nobody_has_read(name: str, backend: str) -> None:
+    """Discrete states of contacts wait with them; at the start none does."""
+    sim = Simulation(CASES / f"{name}.toml", [f"engine.backend={backend}"])
+    sim.advance(0.002)
+    sim.reset()
+    sim.advance(0.002)
+    other = Simulation(CASES / f"{name}.toml", [f"engine.backend={backend}"])
+    other.advance(0.002)
+    assert seen(sim) == seen(other)
 
 
 @pytest.mark.slow

@@ -25,6 +25,7 @@ from exunet.base.errors import CaseError, InputError, RunStopped
 from exunet.bodies.distance import polyhedron
 from exunet.bodies.shapes import Solid
 from exunet.integrators.exudyn.build import expected_items
+from exunet.model.system import State, System
 from exunet.results.ensemble import load_ensemble
 from exunet.results.io import load_result, save
 from exunet.results.measures import bullet_speeds, energy_balance, momentum_books
@@ -33,8 +34,10 @@ from exunet.results.summary import summarise
 from exunet.scene.casefile import load
 from exunet.scene.scene import Scene
 from exunet.simulation.guards import ENERGY_BOUND
+from exunet.simulation.observers import Observer
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import run_into, simulate
+from exunet.simulation.simulation import OBSERVERS
 
 # The paper's net
 
@@ -113,6 +116,27 @@ def test_a_scene_with_an_empty_set_runs_with_checkpoints(
     assert np.isfinite(result.position).all()
     assert np.isfinite(result.kinetic + result.potential).all()
     assert summarise(result)["verdict"] == "ok"
+
+
+class Reporting(Observer):
+    """Reports numbers, and what is no finite number."""
+
+    def __init__(self, _system: System, _state: State) -> None:
+        pass
+
+    def report(self) -> dict[str, Any]:
+        numbers = {"float": np.float64(1.5), "whole": np.int64(3)}
+        return {**numbers, "nan": math.nan, "array": np.array([1.0]), "text": "text", "none": None}
+
+
+def test_a_report_without_a_finite_number_costs_no_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(OBSERVERS, "own", f"{__name__}:Reporting")
+    case = exunet.load(FAULTS / NO_ELEMENT, ["time.end=0.2", "time.output_step=0.1"])
+    run_into(tmp_path, case)
+    expected = {"float": 1.5, "whole": 3.0, **dict.fromkeys(("nan", "array", "text", "none"))}
+    assert load_result(tmp_path).run.observed == expected
 
 
 def test_the_command_describes_a_scene_without_elements(tmp_path: Path) -> None:
