@@ -93,7 +93,7 @@ def validate_snapshot(snapshot: Snapshot, start: Start, like: Snapshot) -> None:
 def _alike(name: str, values: NDArray[Any] | None, others: NDArray[Any]) -> bool:
     """True for arrays of one shape; the first size may be a number of rows that wait, or of events."""
     if values is None:
-        return name.startswith("block:discrete:")  # there are none where no state of the block is marked
+        return name.startswith("block:discrete:")  # absent where no state of the block is marked
     if name == "acting" or name.startswith("control:"):
         return values.shape == others.shape
     return not (values.size and others.size) or values.shape[1:] == others.shape[1:]
