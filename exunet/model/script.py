@@ -43,7 +43,7 @@ from exunet.forces.total import Forces
 from exunet.model.ejection import HELD, LET_GO, NODES
 from exunet.model.states import States
 from exunet.model.system import System
-from exunet.net.areas import mouth_area, mouth_diameter
+from exunet.net.areas import mouth_against, mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.drive import WITHOUT_LIMIT
 from exunet.scene.script import QUANTITIES, ScriptEntry, begins_a_thrust, conflict, drive_of
@@ -195,6 +195,11 @@ VALUES: Mapping[str, Callable[[Sources, EndStates], Floats]] = {
     "closing_tension": _closing_tension,
     "touching": _touching,
 }
+DIFFERENCES: Mapping[str, Callable[[Sources, EndStates, float], Floats]] = {
+    "mouth_diameter": lambda sources, sample, bound: mouth_against(
+        sources.system.net, sample.states.position, bound
+    ),
+}  # numbers with the sign of a quantity less a bound, where they are cheaper than the quantity
 OF_VELOCITIES = ("relative_speed", "tether_tension")
 
 
@@ -465,8 +470,11 @@ class ScriptEvents(Watch):
     def _look(self, steps: Seen, *, completed: bool = True) -> EndStates:
         return EndStates(lambda: self._states(steps, completed=completed), steps.reported, steps.mean)
 
-    def _beyond(self, number: int, row: EntryState, sample: EndStates) -> Floats:
-        """Return (k,) numbers above 0 where a condition holds, in the unit of its quantity."""
+    def _beyond(self, number: int, row: EntryState, sample: EndStates, *, signs: bool = False) -> Floats:
+        """Return (k,) numbers above 0 where a condition holds, in the unit of its quantity.
+
+        signs : only the signs are needed
+        """
         condition = self._conditions[number]
         assert condition is not None
         if condition.name == "first_contact":
@@ -475,7 +483,11 @@ class ScriptEvents(Watch):
             area = VALUES["area"](self._sources, sample)
             largest = np.maximum.accumulate(np.maximum(row.value, area))
             return np.asarray((1.0 - self._entries[number].fall) * largest - area)
-        beyond = condition.sign * (VALUES[condition.name](self._sources, sample) - condition.bound)
+        if signs and condition.name in DIFFERENCES:
+            difference = DIFFERENCES[condition.name](self._sources, sample, condition.bound)
+        else:
+            difference = VALUES[condition.name](self._sources, sample) - condition.bound
+        beyond = condition.sign * difference
         if row.times and row.state == ARMED:
             rests = sample.states.time < row.since + self._entries[number].rest
             beyond = np.where(rests, -np.abs(beyond), beyond)
@@ -500,7 +512,7 @@ class ScriptEvents(Watch):
                 due.append(k)
             elif time != self._nothing_at:
                 sample = sample or self._look(self._now(time, x, v, discrete))
-                if (self._beyond(k, row, sample)[0] > 0.0) == (row.state == ARMED):
+                if (self._beyond(k, row, sample, signs=True)[0] > 0.0) == (row.state == ARMED):
                     due.append(k)
         if not due:
             return _NOTHING
@@ -520,7 +532,7 @@ class ScriptEvents(Watch):
         sample = self._look(steps, completed=speeds)
         true = np.zeros(len(steps.time), dtype=bool)
         for k, row in watched:
-            true |= (self._beyond(k, row, sample) > 0.0) == (row.state == ARMED)
+            true |= (self._beyond(k, row, sample, signs=True) > 0.0) == (row.state == ARMED)
         if true.any():
             self._nothing_at = -math.inf
             return int(true.argmax())

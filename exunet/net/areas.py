@@ -66,6 +66,31 @@ def mouth_diameter(net: Net, position: Floats) -> Floats:
     return found
 
 
+def mouth_against(net: Net, position: Floats, width: float) -> Floats:
+    """Numbers of the sign of `mouth_diameter` less a width [m]; (k, n_points, 3) [m] -> (k,) [m].
+
+    Cheap for states that follow each other: where two nodes that are far apart in the first are still farther
+    apart than the width, or all are in a ball that is smaller, no others are compared. So a number says how
+    much the mouth is wider at least, or narrower at least; where neither decides, exactly.
+    """
+    rim = list(net.rim)
+    if not rim:
+        return np.full(len(position), -width)
+    first = position[0, rim].T
+    one = int(_squares(first - first[:, :1]).argmax())
+    other = int(_squares(first - first[:, one, None]).argmax())
+    ends = position[:, rim[one]].T, position[:, rim[other]].T
+    beside = np.sqrt(_squares(ends[1] - ends[0])) - width
+    open_ = np.flatnonzero(beside <= 0.0)
+    if len(open_):
+        points, middle = position[open_][:, rim].T, 0.5 * (ends[0] + ends[1])[:, open_]
+        reach = np.sqrt(_squares(points - middle[:, None]).max(axis=0))
+        beside[open_] = 2.0 * reach * (1.0 + 1e-12) - width  # a ball's diameter, and what rounding may take
+        open_ = open_[beside[open_] >= 0.0]
+        beside[open_] = mouth_diameter(net, position[open_]) - width
+    return beside
+
+
 def _diameter(points: Floats) -> Floats:
     """(k,) largest distance of two of the points (3, n, k).
 

@@ -28,6 +28,7 @@ from exunet.net.areas import (
     achievable_area,
     border_lengths,
     largest_polygon,
+    mouth_against,
     mouth_diameter,
 )
 from exunet.net.arrays import Net
@@ -705,12 +706,28 @@ def test_no_thrown_net_opens_beyond_its_achievable_area(name):
     assert largest <= float(stretch.max()) ** 2
 
 
-def test_the_diameter_of_a_mouth_is_the_largest_distance_of_its_rim():
+def test_a_mouth_against_a_width():
+    """Of states that follow each other: the sign of the diameter less the width, and no more than that."""
     rng = np.random.default_rng(0)
     loop = rng.normal(size=(7, 3))
     of = loop_net(loop, [(k, (k + 1) % 7) for k in range(7)], faces=(tuple(range(7)),), mouth=(0, 2, 4))
     states = loop * rng.uniform(0.2, 1.5, (40, 1, 1)) + rng.normal(size=(40, 7, 3)) * 0.4
     known = np.array([pdist(state).max() for state in states])
     np.testing.assert_allclose(mouth_diameter(of, states), known, rtol=1e-14)
+    exact = 0
+    for width in (
+        *np.quantile(known, [0.05, 0.3, 0.5, 0.8]).tolist(),
+        float(known[7]),
+        float(known.max()) * 3.0,
+    ):
+        found = mouth_against(of, states, width)
+        apart = known - width
+        near = abs(apart) < 1e-12
+        np.testing.assert_array_equal(found[~near] > 0.0, apart[~near] > 0.0)
+        assert abs(found[near]).max(initial=0.0) < 1e-12
+        assert (abs(found) <= abs(apart) + 1e-12).all()
+        exact += int((abs(found - apart) < 1e-12).sum())
+    assert exact > 10
     bare = loop_net(loop, [(0, 1)])
+    assert mouth_against(bare, states[:2], 0.5).tolist() == [-0.5, -0.5]
     assert mouth_diameter(bare, states[:2]).tolist() == [0.0, 0.0]
