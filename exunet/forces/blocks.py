@@ -95,7 +95,7 @@ class Blocks:
     position : (n_points, 3) at the start [m]
     rigid    : names of the rigid bodies, in their order
     states   : the first-order states, in their order
-    active    : (n_points,) at the start, 1.0 for points that are active and 0.0 for inactive ones: these
+    active   : (n_points,) at the start, 1.0 for points that are active and 0.0 for inactive ones: these
                rest, whatever pulls them, until an event activates them. None: all are active
     inertia  : of the rigid bodies
     poses    : of the rigid bodies, and of the net's axes

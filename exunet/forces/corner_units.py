@@ -524,7 +524,7 @@ class Thrusters(NamedTuple):
     """Forces that are constant until the next sample.
 
     bullets : (n,) 3 x node of each unit
-    discrete  : with the forces on the units (3 n,) [N] at its end
+    discrete : with the forces on the units (3 n,) [N] at its end
     first   : where these begin
     rate    : where the rates of what they have spent begin in force, before that of the work
     """

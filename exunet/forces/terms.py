@@ -327,13 +327,13 @@ class Seen(NamedTuple):
 class Change:
     """Changes by an event: discrete state, energy and state.
 
-    discrete      : the new discrete state of the term
+    discrete    : the new discrete state of the term
     energy_lost : [J] with the event; negative: put in. None: what the energy of the system changes by, less
                   the work that prescribed bodies do with it
     work_given  : this work [J], which `energy_lost` does not count
     events      : record of each item
     x, v        : the new state of all blocks, None: as it was
-    active       : (n_points,) which points are active from now on (see `Blocks.active`), None: as before;
+    active      : (n_points,) which points are active from now on (see `Blocks.active`), None: as before;
                   those that become inactive come to rest
     more        : True if the switch is to be asked at once whether something else is due at this instant
     others      : new values of discrete states and inputs of other terms, by name

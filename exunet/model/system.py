@@ -195,7 +195,7 @@ class State:
     time               : [s]
     position, velocity : (n_points, 3) [m], [m/s]
     bodies             : states of the rigid bodies
-    discrete             : discrete states of the terms, by name
+    discrete           : discrete states of the terms, by name
     first_order        : (n_states,) first-order states of the terms
     """
 

@@ -24,7 +24,7 @@ from exunet.simulation.preparation import Start, prepare_case
 NOTHING: Any = None
 
 
-def test_numbers_of_memories() -> None:
+def test_numbers_of_discrete_states() -> None:
     """The larger of two tensions; pairs of two contacts, which add; the first touch of either, 0 s too."""
     told = np.array([
         [3.0, 2.0, 1.0, 4.0, -1.0, -1.0],

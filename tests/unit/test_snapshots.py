@@ -33,7 +33,7 @@ from restarts import (
 from scenes import BACKENDS, CASES, every_backend, pair_of_masses, thrown
 
 import exunet
-from exunet.base.errors import InputError
+from exunet.base.errors import InputError, RunStopped
 from exunet.base.files import write_arrays
 from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method
 from exunet.results.run_folder import RESULT_FILE
@@ -174,6 +174,20 @@ def test_reset_from_states_that_nobody_has_read(name: str, backend: str) -> None
     other = Simulation(CASES / f"{name}.toml", [f"engine.backend={backend}"])
     other.advance(0.002)
     assert seen(sim) == seen(other)
+
+
+def test_an_engine_that_fails_after_a_restore_names_the_restored_state() -> None:
+    """Steps collapse at once under an endless force; the last valid state is the restored one."""
+    sim = Simulation(CASES / "planar_deployment.toml", ["engine.backend=compiled", "solver.retry=0"])
+    sim.advance(0.1)
+    sim.settle()
+    here = sim.snapshot()
+    sim.advance(0.1)
+    sim.settle()
+    sim.restore(here)
+    sim.set_force(0, [1e300, 0.0, 0.0])
+    with pytest.raises(RunStopped, match=r"after t = 0\.1 s"):
+        sim.advance(0.01)
 
 
 @pytest.mark.slow

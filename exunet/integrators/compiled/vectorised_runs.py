@@ -140,8 +140,7 @@ def side_by_side_kernel(system: System, plan: Plan) -> Kernel | None:
     """Build the kernel that advances several runs at once; None if that is not possible.
 
     It needs equal steps of the compiled loop, points only, no discrete states or inputs, and forces that can
-    act on
-    many runs: the elastic elements, and constant matrices and loads. Needs Numba.
+    act on many runs: the elastic elements, and constant matrices and loads. Needs Numba.
     """
     facts = METHODS[plan.method]
     if facts.kind == Kind.ADAPTIVE or not facts.compiled or plan.step is None:

@@ -220,11 +220,11 @@ class WatchedRows(NamedTuple):
 
     at        : (2,) the next row, and the row at which a stretch of steps ends; 0: nothing is watched
     of_x, of_v, of_discrete : which entries
-    discrete    : `ForceTable.changed`
+    discrete  : `ForceTable.changed`
     weights   : (n,) of the first points, whose mean place and velocity are watched; none: they are not
     time (k,), x (n_x, k), v (n_v, k) : the rows, of x and v as columns, since few of their entries are
                 watched; others are left as they were
-    reported  : (k, of_memory.size)
+    reported  : (k, of_discrete.size)
     mean      : (k, 6) place [m] and velocity [m/s]
     """
 
